@@ -3,11 +3,10 @@
 use std::path::Path;
 use std::{env, fs, io};
 
-/// Memory maps by board feature.
 const MAPS: [(&str, &str); 2] =
     [("CARGO_FEATURE_SKINPROC", "skinproc.x"), ("CARGO_FEATURE_NUCLEO_G491RE", "nucleo-g491re.x")];
 
-/// The part that the maps of all STM32 boards include.
+/// The part that all STM32 boards include.
 const COMMON: &str = "stm32.x";
 
 fn main() -> io::Result<()> {

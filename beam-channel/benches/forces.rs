@@ -11,10 +11,9 @@ fn main() {
     divan::main();
 }
 
-/// Number of positions of a sweep, one spacing in the middle of the channel; the same for every channel.
 const POSITIONS: u32 = 1000;
 
-/// The channels of the paper: widths of 8, 6 and 4 cm.
+/// The paper's widths: 8, 6 and 4 cm.
 const WIDTHS: [f64; 3] = [0.08, 0.06, 0.04];
 
 fn setup(width_m: f64, beams: u32) -> Setup {
@@ -30,13 +29,11 @@ fn positions(model: &Model) -> impl Iterator<Item = f64> {
     (0..POSITIONS).map(move |i| middle + channel.pitch_m * f64::from(i) / f64::from(POSITIONS))
 }
 
-/// A constant number of contacts in channels with more and more beams.
 #[divan::bench(args = [11, 110, 11_000])]
 fn beams_in_the_channel(bencher: Bencher<'_, '_>, beams: u32) {
     sweep(bencher, &Model::new(&setup(0.06, beams)).expect("a channel of the paper"));
 }
 
-/// A growing number of contacts, as the beams get closer.
 #[divan::bench(args = [1, 10, 100])]
 fn beams_in_contact(bencher: Bencher<'_, '_>, density: u32) {
     let mut setup = setup(0.06, 11 * density);
@@ -56,7 +53,6 @@ fn sweep(bencher: Bencher<'_, '_>, model: &Model) {
         .bench_local(|| positions(model).map(|x| model.total(black_box(x)).fx_n).sum::<f64>());
 }
 
-/// Cost of a new geometry before its first force.
 #[divan::bench(args = WIDTHS)]
 fn new_model(bencher: Bencher<'_, '_>, width_m: f64) {
     bencher.bench_local(|| Model::new(black_box(&setup(width_m, 11))));

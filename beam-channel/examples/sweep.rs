@@ -4,8 +4,7 @@
 //! cargo run --release -p beam-channel --example sweep -- WIDTH_M BEAMS PITCH_M FROM_M TO_M POSITIONS REPEATS
 //! ```
 //!
-//! prints one JSON document: the forces at the positions, the total number of contacts, and the seconds of
-//! every repeat.
+//! prints one JSON document: the forces, the number of contacts, and the seconds of every repeat.
 #![allow(clippy::print_stdout, reason = "an example shows its result")]
 
 use std::error::Error;

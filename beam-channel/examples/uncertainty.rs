@@ -1,13 +1,12 @@
-//! Uncertainty of a simulated drag by Monte Carlo: uncertain parameters are drawn from distributions around
-//! their values, and the resulting drags give an interval.
+//! Uncertainty of a simulated drag by Monte Carlo over uncertain parameters.
 //!
 //! ```text
 //! cargo run --release -p beam-channel --example uncertainty -- DRAWS THICKNESS_SHARE FRICTION_SD
 //! ```
 //!
-//! prints the median of the mean drag on the plateau and its 95 % interval for the paper's channels.
-//! THICKNESS_SHARE is the standard deviation of the beams' thickness relative to it, FRICTION_SD the standard
-//! deviation of the friction. Draws in which the body jams are counted and left out.
+//! prints the median of the mean drag on the plateau and its 95 % interval for the paper's
+//! channels. THICKNESS_SHARE is the standard deviation of the beams' thickness relative to it,
+//! FRICTION_SD that of the friction. Draws in which the body jams are left out and counted.
 #![allow(clippy::print_stdout, reason = "an example shows its result")]
 
 use std::error::Error;
@@ -25,7 +24,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     for deflection_m in [0.01, 0.02, 0.03] {
         let mut setup = Setup::default();
         setup.channel.width_m = 2.0 * setup.ellipse.semi_width_m - 2.0 * deflection_m;
-        // Every channel gets the same draws, so that differences between channels come from the channels.
+        // Every channel gets the same draws, so that differences come from the channels.
         let mut random = ChaCha8Rng::seed_from_u64(1);
         let (mut drags, mut refused) = (Vec::new(), 0);
         for _ in 0..draws as u32 {

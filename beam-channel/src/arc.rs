@@ -1,15 +1,15 @@
-//! A stretch of a tip's path on which all functions are smooth and the body only moves forward, and the root
-//! of `s(z) = s` on it.
+//! A smooth part of a tip's path on which the body moves forward, and the root of `s(z) = s` on it.
 //!
-//! As a function of the travel `s`, `z` has two branch points: at a release, where `ds/dz` is zero, and a
-//! little before the first touch, at `s = −α²/4β`, the zero of the derivative of `s ≈ α·z + β·z²`. In
+//! As a function of the travel `s`, `z` has two branch points: at a release, where `ds/dz` is zero,
+//! and a little before the first touch, at `s = −α²/4β`, the zero of the derivative of `s ≈ α·z +
+//! β·z²`. In
 //!
 //! ```text
 //! w = √(s + α²/4β) / (√(s + α²/4β) + √(s_end − s))
 //! ```
 //!
-//! `z` is smooth at both. A polynomial of low degree gives `z` to three digits, from where Newton's method
-//! converges to rounding error in three steps.
+//! `z` is smooth at both. A polynomial of low degree gives `z` to three digits, and Newton's method
+//! from there to rounding error in three steps.
 
 use core::array::from_fn;
 use core::f64::consts::PI;
@@ -18,18 +18,15 @@ use libm::{cos, sqrt};
 
 use crate::path::{Contact, Path};
 
-/// An arc with the polynomial that gives the start of Newton's method.
+/// An arc with the polynomial that starts Newton's method.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Arc {
-    /// `z` at the ends.
     pub(crate) z: [f64; 2],
-    /// Travel of the body at the ends since the touch, in m.
+    /// Travel of the body at the ends since the touch, m.
     pub(crate) travel: [f64; 2],
     /// Distance before the arc at which the travel would turn, as a share of the arc's travel.
     before: f64,
-    /// Reciprocal of the arc's travel, in 1/m.
     scale: f64,
-    /// Values of `w` at the nodes of the polynomial for `z`.
     nodes: [f64; NODES],
     /// Divided differences: the coefficients of Newton's form.
     coefficients: [f64; NODES],
@@ -37,15 +34,14 @@ pub(crate) struct Arc {
 
 const NODES: usize = 8;
 
-/// Number of Newton steps that nearly always suffice from the polynomial's start.
+/// Newton steps that nearly always suffice.
 const PLAIN_STEPS: usize = 3;
 
-/// A Newton step of this size, relative to `z`, reaches the root to rounding. The remaining error is the
-/// square of the step over the distance to the zero of the slope; if that distance is no greater than the
-/// step, rounding error dominates.
+/// Size of a Newton step, relative to `z`, that reaches the root to rounding. The remaining error
+/// is the square of the step over the distance to the zero of the slope; if that distance is no
+/// greater than the step, rounding dominates.
 const CLOSE: f64 = 1e-8;
 
-/// More steps than bisection alone takes.
 const STEPS: usize = 200;
 
 impl Arc {
@@ -90,7 +86,6 @@ impl Arc {
         near / (near + far)
     }
 
-    /// Returns `z` at a travel, to three digits.
     #[inline]
     fn start(&self, travel: f64) -> f64 {
         let w = self.w(travel);
@@ -99,7 +94,7 @@ impl Arc {
         z.clamp(self.z[0], self.z[1])
     }
 
-    /// Returns `z` at a travel; outside this arc, `z` of the nearer end.
+    /// Returns `z` at a travel, or at the nearer end outside this arc.
     pub(crate) fn z_at(&self, path: &Path, travel: f64) -> f64 {
         if travel <= self.travel[0] {
             return self.z[0];
@@ -110,15 +105,14 @@ impl Arc {
         self.locate(path, travel).z()
     }
 
-    /// Returns the contact at a travel on this arc; outside the arc, at the nearer end.
+    /// Returns the contact at a travel, or at the nearer end outside this arc.
     #[inline]
     pub(crate) fn locate(&self, path: &Path, travel: f64) -> Contact {
         let [contact] = Self::locate_all([self], path, [travel]);
         contact
     }
 
-    /// Computes [`Self::locate`] for several arcs and travels, with the same bits as one by one. Steps of one
-    /// contact depend on each other; steps of several contacts run in parallel.
+    /// Computes [`Self::locate`] for several contacts, with steps in parallel and the same bits.
     #[inline]
     pub(crate) fn locate_all<const N: usize>(
         arcs: [&Self; N],
@@ -144,7 +138,7 @@ impl Arc {
         })
     }
 
-    /// Computes [`Self::locate`] without relying on the polynomial: by Newton's method while its steps stay
+    /// Computes [`Self::locate`] without the polynomial: by Newton's method while its steps stay
     /// within the arc and shrink, otherwise by bisection.
     #[cold]
     fn search(&self, path: &Path, travel: f64) -> Contact {

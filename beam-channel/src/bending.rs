@@ -4,11 +4,10 @@ use core::f64::consts::FRAC_PI_2;
 
 use libm::{acos, cos, sin};
 
-/// Number of Chebyshev terms: twice as many change the means of the paper's channels by a relative 10⁻⁶,
-/// extremes by 10⁻⁴.
+/// Chebyshev terms: twice as many change means by a relative 10⁻⁶, extremes by 10⁻⁴.
 pub(crate) const TERMS: usize = 32;
 
-/// Largest number of pieces: the beam touches by its tip, by its face, and again by its tip.
+/// Largest number of pieces: contact by tip, by face, and again by tip.
 pub(crate) const PIECES: usize = 3;
 
 /// The path of a clamped beam's contact along the body.
@@ -18,24 +17,19 @@ pub(crate) struct Bending {
     pub(crate) landmarks: [f64; 3],
     /// In the order of `z`; the last one may be repeated.
     pub(crate) pieces: [Piece; PIECES],
-    /// True if the beam's face comes to lie against the body, and only contact at the tip is modelled.
+    /// True if the beam's face comes to lie against the body, but only the tip is modelled.
     pub(crate) lies_against_body: bool,
 }
 
-/// A smooth part of the path, with contact at the tip or at the face.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Piece {
-    /// `z` at the end of the part.
     pub(crate) end: f64,
-    /// Forward reach of the contact over `z`, in m.
     pub(crate) reach: Series,
-    /// Factor of normal and tangent over `z`, in units of `EI/L²`; normal and tangent have the length of
-    /// those in a [`Contact`](crate::Contact).
+    /// Factor of normal and tangent, as long as in a [`Contact`](crate::Contact), in `EI/L²`.
     pub(crate) push: Series,
 }
 
 impl Bending {
-    /// Returns the piece at `z`.
     #[inline]
     pub(crate) fn piece(&self, z: f64) -> &Piece {
         self.pieces.iter().find(|piece| z <= piece.end).unwrap_or(&self.pieces[PIECES - 1])
@@ -47,7 +41,7 @@ impl Bending {
     }
 }
 
-/// A function given by its values at Chebyshev nodes, as a series.
+/// A function as a Chebyshev series.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Series {
     start: f64,
@@ -62,7 +56,6 @@ pub(crate) fn node(i: usize) -> f64 {
 }
 
 impl Series {
-    /// Creates the series through values at the [`node`]s of the range from `start` to `end`.
     pub(crate) fn through(values: &[f64; TERMS], [start, end]: [f64; 2]) -> Self {
         let coefficients = core::array::from_fn(|term| {
             let at = |i: usize| cos(term as f64 * acos(2.0 * node(i) - 1.0));

@@ -1,6 +1,6 @@
 //! Bisection to the last bit.
 
-/// Returns the point between `low` and `high` where `f` turns from positive to negative, to the last bit.
+/// Returns the point where `f` turns from positive to negative.
 pub(crate) fn turn(f: impl Fn(f64) -> f64, mut low: f64, mut high: f64) -> f64 {
     loop {
         let middle = 0.5 * (low + high);

@@ -1,9 +1,9 @@
-//! A beam that is clamped at its base and bends along its length: Euler's elastica, pushed at tip or face.
+//! A beam clamped at its base that bends along its length: Euler's elastica, pushed at tip or face.
 //!
-//! The force `P` acts at the friction angle to the body's normal. With the angle `χ` from the reversed force
-//! to the beam and the length `s` along it, `EI·χ'' = −P·sin χ`, a pendulum: from `χ₀` at the clamp to `χ_L`
-//! at the tip, where the curvature is zero. With `k = sin(χ_L/2)`, `k·sin u = sin(χ/2)` (Love, *Mathematical
-//! Theory of Elasticity*, 4th ed., §262)
+//! The force `P` acts at the friction angle to the body's normal. With the angle `χ` from the
+//! reversed force to the beam and the length `s` along it, `EI·χ'' = −P·sin χ`, a pendulum: from
+//! `χ₀` at the clamp to `χ_L` at the tip, where the curvature is zero. With `k = sin(χ_L/2)`,
+//! `k·sin u = sin(χ/2)` (Love, *Mathematical Theory of Elasticity*, 4th ed., §262)
 //!
 //! ```text
 //! λ = L·√(P/EI) = K(k) − F(u₀, k)
@@ -11,15 +11,14 @@
 //! y = C·cos χ₀ + S·sin χ₀,     C = 2·(E(k) − E(u₀, k))/λ − 1,
 //! ```
 //!
-//! in beam lengths, with `y` along the straight beam. If the body has pushed the tip aside to `y`, `χ_L`
-//! remains: one root per position of the tip.
+//! in beam lengths, with `y` along the straight beam. If the body has pushed the tip aside to `y`,
+//! `χ_L` remains: one root per position of the tip.
 //!
-//! A plate that bends far touches with its face: the contact is where the plate is tangent to the body, at a
-//! length `σ < L` along it, and the rest of the plate is straight. Its turn is then known, `x` and `y` follow
-//! in units of `σ`, and `σ` from `y`: no root is searched for.
+//! A plate that bends far touches with its face, where it is tangent to the body, at a length `σ <
+//! L` along it, and is straight beyond. Its turn is then known, `x` and `y` follow in units of `σ`,
+//! and `σ` from `y`: no root is searched for.
 //!
-//! A table over the path of the contact holds the forward reach and the force as functions of `z`, in which
-//! both are smooth between the changes from tip to face and back.
+//! A table holds reach and force as functions of `z`, smooth between changes of tip and face.
 
 use core::f64::consts::PI;
 
@@ -29,33 +28,27 @@ use crate::bending::{Bending, PIECES, Piece, Series, TERMS, node};
 use crate::bisection::turn;
 use crate::path::Path;
 
-/// Number of positions on a contact's path at which the body's travel is computed.
+/// Positions on a contact's path at which the body's travel is computed.
 const PLACES: usize = 64;
 
 /// A beam whose contact is at one position.
 struct Bent {
     reach: f64,
     push: f64,
-    /// True if the tip touches, false if the face does.
     is_on_tip: bool,
 }
 
-/// Why no shape of the beam reaches a position.
 #[derive(Clone, Copy, PartialEq)]
 pub(crate) enum Failure {
-    /// Friction holds the tip.
     Locked,
     /// The beam springs off the body.
     Released,
-    /// The body reaches the line of the bases, against which it presses the beam's face.
+    /// The body presses the beam's face against the line of the bases.
     Flattened,
 }
 
 impl Bending {
-    /// Computes the table of a path, with contact at the face if `with_face` is true.
-    ///
-    /// # Errors
-    /// [`Failure::Locked`] or [`Failure::Flattened`].
+    /// Computes the table of a path, with contact at the face if `with_face`; may lock or flatten.
     pub(crate) fn new(path: &Path, friction: f64, with_face: bool) -> Result<Self, Failure> {
         let place = |i: usize| path.last() * i as f64 / PLACES as f64;
         let at = |z: f64| bent(path, friction, with_face, z);
@@ -118,7 +111,6 @@ impl Bending {
     }
 }
 
-/// Computes the shape of the beam whose contact is at `z`.
 fn bent(path: &Path, friction: f64, with_face: bool, z: f64) -> Result<Bent, Failure> {
     let contact = path.position(z);
     let (across, along) =
@@ -158,13 +150,12 @@ fn bent(path: &Path, friction: f64, with_face: bool, z: f64) -> Result<Bent, Fai
     }
 }
 
-/// Returns half the turn of a straight or buckled beam, and of one that lies along the force.
+/// Returns half the turn of a straight or buckled beam, and of one along the force.
 fn half_turns(clamp: f64) -> [f64; 2] {
     let [least, most] = [(-clamp).max(0.0), 0.5 * (PI - clamp)].map(|turn| turn.max(1e-12));
     [least, most * (1.0 - 1e-9)]
 }
 
-/// Returns half the turn of the beam whose tip is at `height`.
 fn half_turn_of(clamp: f64, height: f64) -> Result<f64, Failure> {
     let [least, most] = half_turns(clamp);
     if tip(clamp, most).height > height {
@@ -184,7 +175,7 @@ struct Tip {
     root_of_force: f64,
 }
 
-/// Returns the tip of a beam that has turned by `χ_L − χ₀`, twice `half_turn`, under a force at `χ₀` to the
+/// Returns the tip of a beam turned by `χ_L − χ₀`, twice `half_turn`; the force is at `χ₀` to the
 /// clamp.
 fn tip(clamp: f64, half_turn: f64) -> Tip {
     let (low, low_cos) = (sin(0.5 * clamp), cos(0.5 * clamp));
@@ -208,19 +199,18 @@ fn tip(clamp: f64, half_turn: f64) -> Tip {
     }
 }
 
-/// Returns Legendre's incomplete integrals of the first and second kind for the sine of an angle up to 90°
-/// and `k²`, by Carlson's duplication (Numerical Algorithms 10, 1995, 13–26), which shares its steps between
-/// both.
+/// Returns Legendre's incomplete integrals of both kinds for the sine of an angle up to 90° and
+/// `k²`, by Carlson's duplication (Numerical Algorithms 10, 1995, 13–26), with shared steps.
 fn incomplete(sine: f64, modulus: f64) -> (f64, f64) {
     let square = sine * sine;
-    // Keeps at least one of the two above zero; otherwise the integrals are infinite.
+    // One of the two must be above zero for finite integrals.
     let [mut x, mut y] = [1.0 - square, 1.0 - modulus * square].map(|value| value.max(1e-30));
     let mut z = 1.0;
     let (mut sum, mut share) = (0.0, 1.0);
     loop {
         let mean = (x + y + z) / 3.0;
         let differences = [x, y, z].map(|value| 1.0 - value / mean);
-        // The truncation error of the series below is the sixth power of this.
+        // The truncation error of the series is the sixth power of this.
         if !differences.iter().any(|difference| difference.abs() >= 1e-3) {
             let [dx, dy, dz] = differences;
             let (e2, e3) = (dx * dy - dz * dz, dx * dy * dz);

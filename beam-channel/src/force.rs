@@ -1,5 +1,3 @@
-//! The force of a contact, from its position.
-
 use libm::{atan2, sqrt};
 
 use crate::path::{Contact, Path};
@@ -9,13 +7,13 @@ use crate::{Angle, Normal, Setup, Wall};
 /// The force of one beam on the body.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BeamForce {
-    /// Forward force in N: negative resists.
+    /// Forward force, N: negative resists.
     pub fx_n: f64,
-    /// Force to the left in N.
+    /// Force to the left, N.
     pub fy_n: f64,
-    /// Moment about the body's middle in N·m, positive from x to y.
+    /// Moment about the body's middle, N·m, positive from x to y.
     pub mz_nm: f64,
-    /// `Δθ`, in rad.
+    /// `Δθ`, rad.
     pub deflection_rad: f64,
 }
 
@@ -25,12 +23,10 @@ pub struct BeamForce {
 /// If that is requested, the force is divided by `(n̂ + μ_k·t̂)·ê`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Law {
-    /// `k_t/L`, in N/rad.
     stiffness: f64,
     friction: f64,
     angle: Angle,
     normal: Normal,
-    /// `R_x² + R_y²`, in m².
     axes: f64,
 }
 
@@ -58,12 +54,12 @@ impl Law {
         BeamForce { fx_n, fy_n: sign * fy_n, mz_nm: sign * mz_nm, deflection_rad }
     }
 
-    /// Returns the drag of a beam in N.
+    /// Returns the drag, N.
     pub(crate) fn drag(&self, path: &Path, contact: &Contact) -> f64 {
         self.push(path, contact) * (contact.out + self.friction * contact.back)
     }
 
-    /// Returns the factor of normal and tangent in N/m.
+    /// Returns the factor of normal and tangent, N/m.
     #[inline]
     fn push(&self, path: &Path, contact: &Contact) -> f64 {
         // EI/L² is k_t/L.
@@ -74,10 +70,9 @@ impl Law {
             }
     }
 
-    /// Returns a value with the sign of `d drag/d travel` and its size, in N/m, on the arc of `contact`.
-    ///
-    /// With `drag = (k_t/L)·Δθ·n/N`, `n = out + μ·back`, and `dΔθ/dτ = ±out/r`,
-    /// `ds/dτ = steepness/r`.
+    /// Returns a value with the sign and size of `d drag/d travel`, N/m, on the arc of `contact`,
+    /// from `drag = (k_t/L)·Δθ·n/N`, `n = out + μ·back`, `dΔθ/dτ = ±out/r` and `ds/dτ =
+    /// steepness/r`.
     pub(crate) fn drag_slope(&self, path: &Path, contact: &Contact) -> f64 {
         let Contact { rise, reach_m: reach, sin, cos, back, out, steepness, .. } = *contact;
         let push = out + self.friction * back;
@@ -113,7 +108,7 @@ impl Law {
         self.stiffness * slope / (self.divisor(path, contact) * steepness)
     }
 
-    /// Returns `Δθ` in rad. The arctangent is exact to rounding near 90°, unlike the paper's arcsine.
+    /// Returns `Δθ`, rad. The arctangent is exact to rounding near 90°, unlike the paper's arcsine.
     #[inline]
     fn deflection(&self, path: &Path, contact: &Contact) -> f64 {
         let upright = path.beam - contact.rise;
@@ -123,7 +118,6 @@ impl Law {
         }
     }
 
-    /// Returns the divisor of normal and tangent, in m.
     #[inline]
     fn divisor(&self, path: &Path, contact: &Contact) -> f64 {
         match self.normal {
@@ -134,8 +128,7 @@ impl Law {
         }
     }
 
-    /// Returns whether the tip slides: friction locks it if the component of normal and tangent across the
-    /// bar is zero.
+    /// Returns true if the tip slides; without a force across the bar, friction locks it.
     pub(crate) fn slides(&self, path: &Path, contact: &Contact) -> bool {
         self.across(path, contact) > 0.5 * LEAST_FRICTION * sqrt(self.square(contact))
     }
@@ -147,7 +140,7 @@ impl Law {
         ((path.beam - rise) * push + reach * along) / path.beam
     }
 
-    /// Returns the squared length of normal and tangent, with the paper's definition, in m².
+    /// Returns the squared length of normal and tangent by the paper's definition, m².
     #[inline]
     fn square(&self, contact: &Contact) -> f64 {
         let length = contact.back * contact.back + contact.out * contact.out;

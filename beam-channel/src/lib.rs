@@ -1,8 +1,8 @@
 //! Quasi-static forces on an ellipse that pushes through a channel of springy beams.
 //!
-//! The model is the one in Koc et al., "Body Lift and Drag for a Legged Millirobot in Compliant Beam
-//! Environment", section "Quasi-static contact forces": a rigid body, elliptic from above, moves forward
-//! between two rows of beams. Each beam is a bar of length `L` on a torsional spring, and its tip slides
+//! The model is from Koc et al., "Body Lift and Drag for a Legged Millirobot in Compliant Beam
+//! Environment", "Quasi-static contact forces": a rigid body, elliptic from above, moves forward
+//! between two rows of beams. Each is a bar of length `L` on a torsional spring, and its tip slides
 //! along the body. Axes: x forward, y left; SI units throughout.
 //!
 //! ```
@@ -23,14 +23,14 @@
 //!
 //! # Solution
 //!
-//! Let `φ` be the position of a beam's tip on the ellipse, and `φ_e` the position of the first touch. With
-//! `sin((φ − φ_e)/2) = z²` all functions are algebraic in `z`, free of cancellation, and smooth at the first
-//! touch, where they are not smooth in `φ`. The body's travel since it touched the beam, `s(z)`, rises with
-//! `z` until the beam slips off. A contact is therefore one root of `s(z) = s`, found by a bracketed Newton
-//! iteration ([`Side`]). The beams in contact are a known range of indices; the other beams are never
-//! visited. Integrals over the body's path are integrals over `z` ([`Model::energy`]).
+//! Let `φ` be the position of a beam's tip on the ellipse, and `φ_e` the position of the first
+//! touch. With `sin((φ − φ_e)/2) = z²` all functions are algebraic in `z`, free of cancellation,
+//! and smooth at the first touch, unlike in `φ`. The body's travel since it touched the beam,
+//! `s(z)`, rises with `z` until the beam slips off. A contact is therefore one root of `s(z) = s`,
+//! found by a bracketed Newton iteration ([`Side`]). The beams in contact are a known range of
+//! indices. Integrals over the body's path are integrals over `z` ([`Model::energy`]).
 //!
-//! The crate allocates no memory and needs no standard library. Its elementary functions come from `libm`, so
+//! The crate allocates no memory and needs no standard library. With the functions of `libm`,
 //! results have the same bits on every machine.
 #![no_std]
 #![forbid(unsafe_code)]

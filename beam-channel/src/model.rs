@@ -6,10 +6,9 @@ use crate::force::{BeamForce, Law};
 use crate::path::Contact;
 use crate::{Normal, Setup, SetupError, Side, Wall};
 
-/// Number of positions per arc at which sliding is checked.
 const PLACES: u32 = 64;
 
-/// A body in a channel, with precomputed values that do not depend on its position.
+/// A body in a channel, with values that do not depend on its position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Model {
     setup: Setup,
@@ -21,18 +20,18 @@ pub struct Model {
 /// Sum of the forces of all beams on the body.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Total {
-    /// Forward force in N, the paper's `F_drag`: negative resists.
+    /// Forward force, N, the paper's `F_drag`: negative resists.
     pub fx_n: f64,
-    /// Force to the left in N.
+    /// Force to the left, N.
     pub fy_n: f64,
-    /// Moment about the body's middle in N·m, positive from x to y.
+    /// Moment about the body's middle, N·m, positive from x to y.
     pub mz_nm: f64,
     /// Number of beams in contact, on the left and the right wall.
     pub contacts: [u32; 2],
 }
 
 impl Model {
-    /// Creates the model and precomputes values that do not depend on the body's position.
+    /// Creates the model.
     ///
     /// # Errors
     /// [`SetupError`] if a quantity is out of range, or the body jams.
@@ -52,7 +51,7 @@ impl Model {
         for wall in Wall::BOTH {
             let Some(side) = self.side(wall) else { continue };
             let ends = side.arcs().iter().map(|arc| arc.z);
-            // Smooth in z; without friction the component may be zero at the ends themselves.
+            // Smooth in z; without friction the component may be zero at the ends.
             let positions = ends.flat_map(|[from, to]| {
                 (1..PLACES).map(move |i| from + (to - from) * f64::from(i) / f64::from(PLACES))
             });
@@ -65,7 +64,7 @@ impl Model {
         Ok(())
     }
 
-    /// Returns the set-up of the model.
+    /// Returns the set-up.
     pub fn setup(&self) -> &Setup {
         &self.setup
     }
@@ -75,7 +74,6 @@ impl Model {
         self.sides[wall as usize].as_ref()
     }
 
-    /// Returns the sides that are touched and have to be solved.
     pub(crate) fn solved(&self) -> impl Iterator<Item = &Side> {
         self.sides[..if self.mirrored { 1 } else { 2 }].iter().flatten()
     }
@@ -85,18 +83,18 @@ impl Model {
         if self.mirrored { 2.0 } else { 1.0 }
     }
 
-    /// Returns the position of the base of beam `i`, in m from the first, `l_i`.
+    /// Returns the position of the base of beam `i`, m from the first, `l_i`.
     pub fn base_m(&self, beam: u32) -> f64 {
         self.setup.channel.pitch_m * f64::from(beam)
     }
 
-    /// Returns the beams of a wall, counted from 0, that touch a body whose middle is at `x_m`.
+    /// Returns a wall's beams, from 0, that touch a body whose middle is at `x_m`.
     pub fn touching(&self, wall: Wall, x_m: f64) -> Range<u32> {
         let channel = &self.setup.channel;
         self.side(wall).map_or(0..0, |side| side.touching(x_m, channel.beams, channel.pitch_m))
     }
 
-    /// Returns index, contact and force of the beams of a wall that touch a body whose middle is at `x_m`.
+    /// Returns index, contact and force of beams that touch a body whose middle is at `x_m`.
     pub fn beams(
         &self,
         wall: Wall,
@@ -110,10 +108,9 @@ impl Model {
         })
     }
 
-    /// Returns the total force of all beams on a body whose middle is at `x_m`, in m past the first beam.
+    /// Returns the total force on a body whose middle is at `x_m`, m past the first beam.
     ///
-    /// The cost is proportional to the number of beams in contact, of only one wall if the body runs in the
-    /// middle.
+    /// The cost is that of the beams in contact, of one wall if the body runs in the middle.
     pub fn total(&self, x_m: f64) -> Total {
         let mut total = Total::default();
         self.add_wall(&mut total, Wall::Left, x_m);
@@ -129,10 +126,10 @@ impl Model {
         let Some(side) = self.side(wall) else { return };
         let touching = self.touching(wall, x_m);
         total.contacts[wall as usize] = touching.end - touching.start;
-        // The processor overlaps the work of three beams; a fourth would have to wait.
+        // The processor overlaps the work of three beams; a fourth would wait.
         for first in touching.clone().step_by(3) {
             let beams = (first..touching.end).take(3);
-            // For fewer beams, the last one is solved again, which takes no longer.
+            // For fewer beams, the last one is solved again, at no cost.
             let beam = |i: u32| (first + i).min(touching.end - 1);
             let travels = [0, 1, 2].map(|i| side.travel_at(x_m, self.base_m(beam(i))));
             for (_, contact) in beams.zip(side.contacts(travels)) {
@@ -145,8 +142,7 @@ impl Model {
         }
     }
 
-    /// Returns the position of the body's middle at the first touch of a beam and at the release of the last
-    /// beam, in m; `None` if it touches none.
+    /// Returns the position of the body's middle at the first touch and at the last release, m.
     pub fn extent_m(&self) -> Option<[f64; 2]> {
         let last = self.base_m(self.setup.channel.beams - 1);
         let ends = self.solved().map(|side| [-side.engagement_m, last - side.release_m()]);
@@ -159,8 +155,7 @@ mod tests {
     use super::*;
     use crate::{Angle, Rules};
 
-    /// Without friction only the springs store energy: the work on a beam equals the energy of its spring at
-    /// the release of the tip.
+    /// The work on a beam equals the energy of its spring at the release.
     #[test]
     fn without_friction_the_work_on_a_beam_is_the_energy_of_its_spring() {
         for (width_m, offset_m, yaw_rad) in [
@@ -182,7 +177,7 @@ mod tests {
                 let deflection = model.law.force(&side.path, &end, Wall::Left).deflection_rad;
                 let energy = 0.5 * setup.beam.torsional_stiffness() * deflection * deflection;
                 let work = model.passage(side);
-                // At the release the travel is stationary, so the angle is known to half the digits.
+                // The travel is stationary at the release: the angle has half the digits.
                 assert!((work / energy - 1.0).abs() < 1e-7, "{width_m} {yaw_rad}: {work} {energy}");
             }
         }

@@ -11,15 +11,11 @@ use crate::bending::Bending;
 /// Ellipse, wall line and beam length, which determine the path of a tip.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Path {
-    /// `W`, in m.
     pub(crate) half_length: f64,
-    /// `S`, in m.
     pub(crate) shear: f64,
-    /// `H`, in m: extent of the ellipse towards the wall.
+    /// `H`: extent of the ellipse towards the wall.
     pub(crate) half_width: f64,
-    /// `L`, in m.
     pub(crate) beam: f64,
-    /// Sine and cosine of `τ_e`.
     pub(crate) sin_e: f64,
     pub(crate) cos_e: f64,
     /// Position of the tip of a bending beam; a bar's follows from its length.
@@ -27,12 +23,12 @@ pub(crate) struct Path {
 }
 
 impl Path {
-    /// Returns the position of the tip at `z`, where `z² = sin((τ − τ_e)/2)`, from 0 to [`last`](Self::last).
+    /// Returns the tip's position at `z = √sin((τ − τ_e)/2)`, from 0 to [`last`](Self::last).
     ///
-    /// With `a = (τ − τ_e)/2` the ellipse rises above the wall line by `h = H(sin τ − sin τ_e) = 2H·cos(τ_e +
-    /// a)·sin a`. So the tip has moved forward by `r = √(h(2L − h)) = z·√(2H·cos(τ_e + a)·(2L − h))`, and the
-    /// body since the first touch by `s = x(τ_e) − x(τ) + r = 2z²(W·sin(τ_e + a) − S·cos(τ_e + a)) + r`. No
-    /// step subtracts numbers of similar size.
+    /// With `a = (τ − τ_e)/2` the ellipse rises above the wall line by `h = H(sin τ − sin τ_e) =
+    /// 2H·cos(τ_e + a)·sin a`. So the tip has moved forward by `r = √(h(2L − h)) = z·√(2H·cos(τ_e +
+    /// a)·(2L − h))`, and the body since the first touch by `s = x(τ_e) − x(τ) + r = 2z²(W·sin(τ_e
+    /// + a) − S·cos(τ_e + a)) + r`. No step subtracts numbers of similar size.
     #[inline]
     pub(crate) fn position(&self, z: f64) -> Contact {
         let Self { half_length, shear, half_width, beam, sin_e, cos_e, ref bending } = *self;
@@ -44,7 +40,6 @@ impl Path {
         let cos = cos_mid * cos_a - sin_mid * sin_a;
         let width = 2.0 * half_width * cos_mid;
         let rise = width * sin_a;
-        // Rounding must not make a zero radicand negative.
         let bar = sqrt((width * (2.0 * beam - rise)).max(f64::MIN_POSITIVE));
         let back = half_length * sin - shear * cos;
         let out = half_width * cos;
@@ -71,8 +66,7 @@ impl Path {
         }
     }
 
-    /// Returns `z` at the body's slowest progress on the way in, a later `z` at which it moves on, and one
-    /// after the release of the beam.
+    /// Returns `z` at the slowest progress on the way in, where it moves on, and after the release.
     pub(crate) fn landmarks(&self) -> [f64; 3] {
         match &self.bending {
             None => [self.slowest(), self.widest(), self.last()],
@@ -91,8 +85,8 @@ impl Path {
         sqrt(self.cos_e / sqrt(2.0 * (1.0 + self.sin_e)))
     }
 
-    /// Returns `z` on the way in and on the way out where the ellipse has risen by `rise` above the wall
-    /// line, at most [`depth`](Self::depth).
+    /// Returns `z` on the way in and out where the ellipse has risen by `rise` above the wall line,
+    /// at most [`depth`](Self::depth).
     pub(crate) fn at_rise(&self, rise: f64) -> [f64; 2] {
         let sin = self.sin_e + rise / self.half_width;
         let cos = sqrt(((1.0 - sin) * (1.0 + sin)).max(0.0));
@@ -105,7 +99,7 @@ impl Path {
         })
     }
 
-    /// Returns the extent of the ellipse beyond the wall line, `d`, in m.
+    /// Returns the extent of the ellipse beyond the wall line, `d`, m.
     pub(crate) fn depth(&self) -> f64 {
         let Self { half_width, sin_e, cos_e, .. } = *self;
         half_width * cos_e * cos_e / (1.0 + sin_e)
@@ -113,12 +107,12 @@ impl Path {
 
     /// Returns `z` on the way in where the body's progress per turn of the beam is slowest.
     ///
-    /// There `ds/dτ` has the sign of `E = W·tan τ + H·cot θ − S`, with the angle `θ` of the beam, `cos θ = (L
-    /// − h)/L`. `E` falls from `∞` at the first touch to a single minimum and rises again to `∞` at the
-    /// widest position: its derivative has the sign of `κ²·sin² θ − cos² τ`, `κ³ = W·L/H²`, which is
-    /// quadratic in `h`, negative at the first touch and positive at the widest position. So the body's
-    /// travel falls with `z` on at most one stretch on the way in. On the way out `E` rises throughout, and
-    /// the travel has one maximum.
+    /// There `ds/dτ` has the sign of `E = W·tan τ + H·cot θ − S`, with the angle `θ` of the beam,
+    /// `cos θ = (L − h)/L`. `E` falls from `∞` at the first touch to a single minimum and rises
+    /// again to `∞` at the widest position: its derivative has the sign of `κ²·sin² θ − cos² τ`,
+    /// `κ³ = W·L/H²`, which is quadratic in `h`, negative at the first touch and positive at the
+    /// widest position. So the travel falls with `z` on at most one interval on the way in. On the
+    /// way out `E` rises throughout, and the travel has one maximum.
     fn slowest(&self) -> f64 {
         let Self { half_length, half_width, beam, sin_e, cos_e, .. } = *self;
         let kappa = cbrt(half_length * beam / (half_width * half_width));
@@ -137,41 +131,37 @@ impl Path {
 pub struct Contact {
     pub(crate) travel: f64,
     pub(crate) rise: f64,
-    /// Forward displacement of the tip by the body, in m.
+    /// Forward displacement of the tip by the body, m.
     pub reach_m: f64,
-    /// Sine and cosine of `τ`.
     pub(crate) sin: f64,
     pub(crate) cos: f64,
     /// `−dx/dτ` and `dy/dτ` of the ellipse: the inward normal is `−(out, back)`, unscaled.
     pub(crate) back: f64,
     pub(crate) out: f64,
-    /// Sine and cosine of `(τ − τ_e)/2`.
     pub(crate) sin_a: f64,
     pub(crate) cos_a: f64,
-    /// `reach/z`.
     pub(crate) root: f64,
     /// `reach·ds/dτ`, with the sign of `ds/dz`.
     pub(crate) steepness: f64,
 }
 
 impl Contact {
-    /// Returns its `z` on the tip's path.
     pub(crate) fn z(&self) -> f64 {
         sqrt(self.sin_a)
     }
 
-    /// Returns `ds/dz`, in m.
+    /// Returns `ds/dz`, m.
     pub(crate) fn slope(&self) -> f64 {
         4.0 * self.steepness / (self.cos_a * self.root)
     }
 
-    /// Returns `(s − target)/(ds/dz)`, the amount that Newton's method subtracts from `z`.
+    /// Returns `(s − target)/(ds/dz)`, Newton's step.
     #[inline]
     pub(crate) fn newton_step(&self, target: f64) -> f64 {
         (self.travel - target) * self.cos_a * self.root / (4.0 * self.steepness)
     }
 
-    /// Returns `τ − τ_e` in rad.
+    /// Returns `τ − τ_e`, rad.
     pub(crate) fn turn(&self) -> f64 {
         2.0 * atan2(self.sin_a, self.cos_a)
     }

@@ -1,9 +1,9 @@
-//! The stretch on which the body is completely among the beams.
+//! The positions at which the body is completely among the beams.
 //!
-//! There the drag is periodic with the spacing of the beams. Its mean is the work on one beam over the
-//! spacing, and its extremes occur within one spacing. As a function of position the drag is smooth except
-//! for corners, where a beam is first touched or is at 90°, and jumps, where one slips off or snaps. All of
-//! these positions are known in advance; between two of them the extremes are roots of the derivative.
+//! There the drag is periodic with the spacing of the beams. Its mean is the work on one beam over
+//! the spacing, and its extremes occur within one spacing. The drag is smooth except for corners,
+//! where a beam is first touched or is at 90°, and jumps, where one slips off or snaps. These
+//! positions are known; between two of them the extremes are roots of the derivative.
 
 use crate::bisection::turn;
 use crate::force::Law;
@@ -13,10 +13,10 @@ use crate::{Model, Side, Wall};
 /// The drag of a body that is completely among the beams.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BeamPlateau {
-    /// Position of the body's middle at the release of the first beam and at the first touch of the last, in
-    /// m. The drag takes all its values only if they are at least one spacing apart.
+    /// Position of the body's middle at the release of the first beam and at the first touch of the
+    /// last, m. The drag takes all its values only if they are at least one spacing apart.
     pub extent_m: [f64; 2],
-    /// Mean in N.
+    /// Mean drag, N.
     pub mean_drag_n: f64,
     /// Maximum of the drag.
     pub peak: Extreme,
@@ -33,23 +33,22 @@ pub struct BeamPlateau {
 /// An extreme value of the drag.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Extreme {
-    /// The drag in N.
+    /// Drag, N.
     pub drag_n: f64,
-    /// First position on the plateau at which it occurs, in m; it repeats at every spacing.
+    /// First position on the plateau, m; repeats at every spacing.
     pub x_m: f64,
-    /// True if it is a one-sided limit at a corner or jump; otherwise the drag has zero slope there.
+    /// True for a one-sided limit at a corner or jump; otherwise the slope is zero.
     pub is_limit: bool,
 }
 
-/// Corners and jumps of one spacing: two sides with five ends of arcs each, plus both ends.
+/// Corners and jumps of one spacing: two sides with five ends of arcs each, and both ends.
 const BREAKS: usize = 12;
 
-/// Number of intervals between two breaks at whose ends the sign of the derivative is checked.
+/// Intervals between two breaks at whose ends the sign of the derivative is checked.
 const SAMPLES: u32 = 16;
 
 impl Model {
-    /// Returns the plateau of the drag; `None` if the body touches no beam, or if the channel is shorter than
-    /// the body, which is then never completely among the beams.
+    /// Returns the plateau of the drag; `None` without a touch or in a channel that is too short.
     pub fn plateau(&self) -> Option<BeamPlateau> {
         let channel = &self.setup().channel;
         let last = self.base_m(channel.beams - 1);
@@ -104,7 +103,7 @@ impl Model {
     }
 }
 
-/// The drag between two breaks, where it is smooth; at the ends its limits from within.
+/// The drag between two breaks; at the ends its limits from within.
 struct Smooth<'a> {
     model: &'a Model,
     from: f64,
@@ -116,8 +115,8 @@ impl Smooth<'_> {
         0.5 * (self.from + self.to)
     }
 
-    /// Sums `of` over the beams that are in contact in the middle of this stretch, in an endless channel;
-    /// each is kept on the arc that it is on there.
+    /// Sums `of` over the beams in contact in the middle of an endless channel, on their arcs
+    /// there.
     fn sum(&self, x: f64, of: impl Fn(&Law, &Path, &Contact) -> f64) -> f64 {
         let (law, pitch) = (&self.model.law, self.model.setup().channel.pitch_m);
         let of_side = |side: &Side| {
@@ -133,8 +132,7 @@ impl Smooth<'_> {
         self.model.solved().map(of_side).sum()
     }
 
-    /// Returns the first beam that is in contact in the middle, which may be negative, and the number of such
-    /// beams.
+    /// Returns the first beam in contact in the middle, possibly negative, and their number.
     fn touching(&self, side: &Side) -> (f64, u32) {
         let pitch = self.model.setup().channel.pitch_m;
         let nose = self.middle() + side.engagement_m;
@@ -163,8 +161,8 @@ impl Smooth<'_> {
             plateau.offer(Extreme { drag_n: self.drag(x), x_m: x, is_limit: true });
         }
         let at = |i: u32| {
-            // Denser towards the ends, where a jump of the slope may have an extreme nearby; but not at the
-            // ends, where a beam that slips off has no slope.
+            // Denser towards the ends, near which a jump of the slope may have an extreme; but not
+            // at the ends, where a beam that slips off has no slope.
             let share = f64::from(i) / f64::from(SAMPLES);
             let share = (share * share * (3.0 - 2.0 * share)).clamp(1e-9, 1.0 - 1e-9);
             self.from + share * (self.to - self.from)

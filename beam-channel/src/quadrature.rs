@@ -1,14 +1,12 @@
 //! Integrals over the body's path, as integrals over `z`.
 //!
-//! The drag of a beam is smooth in `z` on every arc, and `ds = (ds/dz)·dz`. So Gauss–Legendre quadrature
-//! converges geometrically, whereas sampling over positions has a corner at every touch and a jump at every
-//! release.
+//! The drag of a beam is smooth in `z` on every arc, so Gauss–Legendre quadrature converges
+//! geometrically; samples over positions have a corner at every touch and a jump at every release.
 
 use crate::arc::Arc;
 use crate::{Model, Side};
 
-/// Gauss–Legendre nodes and weights of order 20 on [−1, 1], the positive half (Abramowitz and
-/// Stegun, table 25.4).
+/// Gauss–Legendre nodes and weights of order 20, positive half (Abramowitz and Stegun, table 25.4).
 #[expect(clippy::excessive_precision, reason = "as the table has them")]
 const NODES: [(f64, f64); 10] = [
     (0.076_526_521_133_497_333_75, 0.152_753_387_130_725_850_70),
@@ -23,14 +21,12 @@ const NODES: [(f64, f64); 10] = [
     (0.993_128_599_185_094_924_79, 0.017_614_007_139_152_118_31),
 ];
 
-/// Relative difference of two results that is due to rounding.
+/// Relative difference of two results due to rounding.
 const AGREEMENT: f64 = 4.0 * f64::EPSILON;
 
-/// Maximum number of pieces of an interval.
 const PIECES: u32 = 256;
 
-/// Integrates `f` from `from` to `to` on more and more pieces of equal length, until the result no longer
-/// changes.
+/// Integrates `f` on more and more equal pieces, until the result no longer changes.
 pub(crate) fn integrate(f: impl Fn(f64) -> f64, from: f64, to: f64) -> f64 {
     let on = |pieces: u32| {
         let half = 0.5 * (to - from) / f64::from(pieces);
@@ -56,8 +52,8 @@ pub(crate) fn integrate(f: impl Fn(f64) -> f64, from: f64, to: f64) -> f64 {
 }
 
 impl Model {
-    /// Returns the work in J of the body on all beams while its middle moves from `from_m` to `to_m`, in m
-    /// past the first beam: the integral of the drag.
+    /// Returns the work of the body on all beams, J, while its middle moves from `from_m` to
+    /// `to_m`, m past the first beam: the integral of the drag.
     pub fn work(&self, from_m: f64, to_m: f64) -> f64 {
         let channel = &self.setup().channel;
         let of_side = |side: &Side| {
@@ -79,14 +75,13 @@ impl Model {
         self.weight() * self.solved().fold(0.0, |sum, side| sum + of_side(side))
     }
 
-    /// Returns the work in J of the body on all beams from before the first to past the last.
+    /// Returns the work of the body on all beams in a whole passage, J.
     pub fn energy(&self) -> f64 {
-        // Avoids −0, the result of an empty sum.
+        // An empty sum would be −0.
         let passages = self.solved().fold(0.0, |sum, side| sum + self.passage(side));
         self.weight() * f64::from(self.setup().channel.beams) * passages
     }
 
-    /// Returns the work on one beam of a side, from the first touch to the release.
     pub(crate) fn passage(&self, side: &Side) -> f64 {
         side.arcs().iter().map(|arc| self.work_on(side, arc.z)).sum()
     }
@@ -115,8 +110,8 @@ mod tests {
 
     #[test]
     fn the_rule_is_exact_for_polynomials_up_to_degree_39() {
-        // ∫ (1 + x)ⁿ dx over [−1, 1] = 2ⁿ⁺¹/(n + 1), with all powers of x. Twenty-one rounded terms of the
-        // same sign.
+        // ∫ (1 + x)ⁿ dx over [−1, 1] = 2ⁿ⁺¹/(n + 1), with all powers of x: 21 rounded terms of a
+        // sign.
         let rule = |n: i32| {
             let term = |x: f64| libm::pow(1.0 + x, f64::from(n));
             NODES.iter().map(|&(x, weight)| weight * (term(x) + term(-x))).sum::<f64>()

@@ -1,15 +1,15 @@
-//! Body, beams and channel: the inputs of the model, and the inputs that it rejects.
+//! Inputs of the model: body, beams and channel; and the inputs that it rejects.
 
 use core::fmt;
 
-/// Lengths outside this range, in m, are probably unit errors; lengths within it cannot overflow.
+/// Lengths outside this range, m, are probably unit errors; those within cannot overflow.
 const LENGTHS: (f64, f64) = (1e-6, 1e6);
 
-/// With less friction the force at the release of a beam is unbounded if bar and spring balance.
+/// Below, the force at a release is unbounded if bar and spring balance.
 pub(crate) const LEAST_FRICTION: f64 = 1e-3;
 
-/// All inputs of the model. The default is the robot and the obstacle track of the paper (its Table I) in the
-/// channel of 1 cm deflection (its Table II).
+/// All inputs of the model. The default is the paper's robot and obstacle track (Table I) in the
+/// channel of 1 cm deflection (Table II).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Setup {
     /// The body.
@@ -72,7 +72,6 @@ impl Wall {
     /// Both walls, left first.
     pub const BOTH: [Self; 2] = [Self::Left, Self::Right];
 
-    /// +1 for the left wall, −1 for the right.
     pub(crate) fn sign(self) -> f64 {
         if self == Self::Left { 1.0 } else { -1.0 }
     }
@@ -105,8 +104,7 @@ pub struct Rules {
 /// Definition of a beam's deflection from the position of its tip.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Angle {
-    /// The arcsine of the tip's forward displacement, as in the paper: a beam that has turned past 90° counts
-    /// as if it had turned by less.
+    /// The paper's arcsine of the tip's displacement: a beam beyond 90° counts as one before.
     #[default]
     Folded,
     /// The angle that the beam has turned.
@@ -119,18 +117,17 @@ pub enum Normal {
     /// Unit length.
     #[default]
     Unit,
-    /// The denominator printed in the paper, which has the semi-axes swapped: the length then ranges from
+    /// The denominator printed in the paper, with swapped semi-axes: the length ranges from
     /// `R_y/R_x` at the nose to `R_x/R_y` at the flank.
     AsPrinted,
-    /// The balance of moments about the beam's base, between the force and the spring. The paper's force
-    /// balances only if it is perpendicular to the beam. Belongs to [`Angle::True`]. Without friction the
-    /// force would be unbounded at the release of a beam.
+    /// The balance of moments about the beam's base, between force and spring; the paper's force
+    /// balances only if it is perpendicular to the beam. Belongs to [`Angle::True`]. Without
+    /// friction, the force is unbounded at the release.
     MomentBalance,
-    /// The force that bends an inextensible beam, clamped at its base, so that its tip is at its position:
-    /// Euler's elastica in place of bar and spring. Touches by its tip only.
+    /// The force that bends an inextensible beam, clamped at its base, to its tip's position:
+    /// Euler's elastica. Touches by its tip only.
     Elastica,
-    /// [`Elastica`](Self::Elastica) for a plate, which also touches with its face where it lies along the
-    /// body.
+    /// [`Elastica`](Self::Elastica) for a plate, which also touches with its face.
     Plate,
 }
 
@@ -168,8 +165,8 @@ impl Beam {
 }
 
 impl Setup {
-    /// Returns the largest deflection of the tips by a body in the middle of the channel, `d = R_y − b/2` in
-    /// m. If it is not positive, the body touches no beam.
+    /// Returns the largest deflection of the tips by a body in the middle of the channel, `d = R_y
+    /// − b/2`, m. Without a touch, it is not positive.
     pub fn deflection_m(&self) -> f64 {
         self.ellipse.semi_width_m - 0.5 * self.channel.width_m
     }
@@ -212,17 +209,15 @@ impl Setup {
 pub enum SetupError {
     /// The named quantity is NaN, or outside its range from `least` to `greatest`, SI.
     OutOfRange { quantity: &'static str, value: f64, least: f64, greatest: f64 },
-    /// The body reaches so far beyond the line of a wall's beam tips, in m, that the beams cannot turn out of
-    /// its way: the depth must be less than twice their length.
+    /// The body reaches so far beyond the line of a wall's tips, m, that the beams cannot turn out
+    /// of its way: the depth must be less than twice their length.
     Jams { wall: Wall, depth_m: f64, beam_length_m: f64 },
-    /// Friction with this coefficient holds a tip of a wall if bar and spring, or a clamped beam, balance:
-    /// the body cannot pass.
+    /// Friction holds a tip of a wall if bar and spring, or a clamped beam, balance.
     Locks { wall: Wall, friction: f64 },
-    /// The body reaches so far beyond the line of the tips of a wall's plates, in m, that it would press
-    /// their faces against the line of their bases.
+    /// The body, m beyond a wall's tips, would press its plates against the line of their bases.
     Flattens { wall: Wall, depth_m: f64, beam_length_m: f64 },
-    /// The body's middle, at this distance to the left of the channel's, in m, lies on or beyond the line of
-    /// a wall's beam tips, which is half the channel's width away.
+    /// The body's middle, this far to the left of the channel's, m, is beyond the line of a wall's
+    /// tips, half the channel's width away.
     BeyondTips { wall: Wall, offset_m: f64, half_width_m: f64 },
 }
 

@@ -13,22 +13,22 @@ use crate::{Normal, Setup, SetupError, Wall};
 
 /// The contacts of one wall's beams with the body: first touch, position, and release.
 ///
-/// A beam touches from the moment the body reaches its tip until its tip can no longer rest on the body.
-/// There the ellipse, seen from the beam's base, falls away, at the maximum of the body's travel `s(z)`. On
-/// the way in, `s` may fall on one stretch of `z` if the body reaches farther beyond the tips than the length
-/// of a beam (`d > L`) or is yawed. A tip cannot stay there and snaps across
-/// ([`snaps`](Self#structfield.snaps)). On the remaining arcs `s` rises.
+/// A beam touches from the moment the body reaches its tip until the ellipse, seen from the beam's
+/// base, falls away, at the maximum of the body's travel `s(z)`. On the way in, `s` may fall on one
+/// interval of `z` if the body reaches farther beyond the tips than a beam's length (`d > L`) or is
+/// yawed. A tip cannot stay there and snaps across ([`snaps`](Self#structfield.snaps)). Elsewhere
+/// `s` rises.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Side {
     pub(crate) path: Path,
-    /// In the order of travel, which has no gaps; `z` has a gap where the tip snaps.
+    /// In the order of travel, without gaps; `z` has a gap where the tip snaps.
     arcs: [Arc; 4],
     count: usize,
     /// True if tips snap across a part of the body where they cannot rest.
     pub snaps: bool,
-    /// Forward distance of a beam's base from the body's middle at the first touch, `u_e = x(τ_e)`, in m.
+    /// Distance of a beam's base ahead of the body's middle at the first touch, `u_e = x(τ_e)`, m.
     pub engagement_m: f64,
-    /// Position of the first touch on the ellipse, `φ_e`, in rad from the nose towards the wall.
+    /// Position of the first touch on the ellipse, `φ_e`, rad from the nose towards the wall.
     pub first_touch_rad: f64,
 }
 
@@ -36,8 +36,8 @@ impl Side {
     /// Creates the side of `wall`; `None` if the body does not reach its beams.
     ///
     /// # Errors
-    /// [`SetupError::BeyondTips`] if the body's middle is beyond the tips; [`SetupError::Jams`] if the body
-    /// reaches two beam lengths beyond the tips or more.
+    /// [`SetupError::BeyondTips`] if the body's middle is beyond the tips; [`SetupError::Jams`] if
+    /// the body reaches two beam lengths or more beyond them.
     pub(crate) fn new(setup: &Setup, wall: Wall) -> Result<Option<Self>, SetupError> {
         let beam_length_m = setup.beam.length_m;
         let half_width_m = 0.5 * setup.channel.width_m;
@@ -105,7 +105,7 @@ impl Side {
             self.snaps = true;
             self.add_smooth(0.0, stop);
             if path.position(release).travel > stopped {
-                // Beyond the stretch on which the travel falls, where it is back at its earlier maximum.
+                // Where the travel, after it has fallen, is back at its earlier maximum.
                 let again = turn(|z| -steepness(z), slowest, moving);
                 let resume = turn(|z| stopped - path.position(z).travel, again, release);
                 self.add_smooth(resume, release);
@@ -115,8 +115,8 @@ impl Side {
         }
     }
 
-    /// Adds the path from `from` to `to`, cut where the beam is at 90°, because the folded angle has its
-    /// kinks there, or where contact changes between tip and face.
+    /// Adds a part of the path, cut where the beam is at 90°, a kink of the folded angle, or where
+    /// contact changes between tip and face.
     fn add_smooth(&mut self, from: f64, to: f64) {
         let path = self.path;
         let mut start = from;
@@ -138,7 +138,7 @@ impl Side {
     fn add(&mut self, from: f64, to: f64) {
         let mut arc = Arc::new(&self.path, [from, to]);
         if self.count > 0 {
-            // Ensures that the travel has no gaps, to the last bit.
+            // Keeps the travel without gaps, to the last bit.
             arc.travel[0] = self.arcs[self.count - 1].travel[1];
             arc.travel[1] = arc.travel[1].max(arc.travel[0]);
         }
@@ -150,48 +150,44 @@ impl Side {
         &self.arcs[..self.count]
     }
 
-    /// Returns the travel of the body from the first touch of a beam to its release, in m.
+    /// Returns the travel of the body from the first touch of a beam to its release, m.
     pub fn travel_m(&self) -> f64 {
         self.arcs[self.count - 1].travel[1]
     }
 
-    /// Returns the forward distance of a beam's base from the body's middle at the release, `u_f`, in m;
-    /// negative.
+    /// Distance of a beam's base ahead of the body's middle at the release, `u_f`, m; negative.
     pub fn release_m(&self) -> f64 {
         self.engagement_m - self.travel_m()
     }
 
-    /// Returns whether beams turn past 90° while the body passes. The body is then nearer to the wall than
-    /// their bases, and a real beam bends differently.
+    /// Returns true if beams turn past 90°: the body is then nearer to the wall than their bases,
+    /// and a real beam bends differently.
     pub fn turns_past_a_right_angle(&self) -> bool {
         self.path.depth() > self.path.beam
     }
 
-    /// Returns whether the face of a clamped beam comes to lie against the body where only contact at the tip
-    /// is modelled; the model then lacks the force on the face.
+    /// Returns true if the face of a clamped beam comes to lie against the body while only tips are
+    /// modelled: the force on the face is missing.
     pub fn beams_lie_against_body(&self) -> bool {
         self.path.bending.is_some_and(|bending| bending.lies_against_body)
     }
 
-    /// Returns whether a yawed body meets the beams' faces before it reaches their tips; the model has no
-    /// forces on faces.
+    /// Returns true if a yawed body meets faces before tips; the model has no forces on faces.
     pub fn meets_faces_first(&self) -> bool {
         self.path.shear * self.path.cos_e > self.path.half_length * self.path.sin_e
     }
 
-    /// Returns the position of `contact` on the ellipse, `φ`, in rad from the nose towards the wall.
+    /// Returns the position of `contact` on the ellipse, `φ`, rad from the nose towards the wall.
     pub fn place_rad(&self, contact: &Contact) -> f64 {
         self.first_touch_rad + contact.turn()
     }
 
-    /// Returns the contact with a beam that the body first touched `travel_m` ago; `None` before the touch
-    /// and after the release.
+    /// Returns the contact with a beam touched `travel_m` ago, between touch and release.
     pub fn contact_after(&self, travel_m: f64) -> Option<Contact> {
         let touches = travel_m >= 0.0 && travel_m <= self.travel_m();
         touches.then(|| self.arc_at(travel_m).locate(&self.path, travel_m))
     }
 
-    /// Returns the contacts of several beams, which must all touch.
     #[inline]
     pub(crate) fn contacts<const N: usize>(&self, travels: [f64; N]) -> [Contact; N] {
         Arc::locate_all(travels.map(|travel| self.arc_at(travel)), &self.path, travels)
@@ -203,11 +199,10 @@ impl Side {
         arcs.iter().find(|arc| travel <= arc.travel[1]).unwrap_or(&arcs[arcs.len() - 1])
     }
 
-    /// Returns the beams that touch a body at `x_m`, in a row whose first base is at 0.
     pub(crate) fn touching(&self, x_m: f64, beams: u32, pitch: f64) -> Range<u32> {
         let nose = x_m + self.engagement_m;
         let travel = |i: u32| nose - pitch * f64::from(i);
-        // The quotients may round across an integer; a step to either side corrects that.
+        // The quotients may round across an integer.
         let first = libm::ceil((nose - self.travel_m()) / pitch);
         let mut first = (first as u32).min(beams);
         while first < beams && travel(first) > self.travel_m() {
@@ -226,7 +221,7 @@ impl Side {
         first..end.max(first)
     }
 
-    /// Returns the travel of the body at `x_m` since its first touch of a beam whose base is at `base_m`.
+    /// Returns the travel of the body at `x_m` since it touched a beam whose base is at `base_m`.
     pub(crate) fn travel_at(&self, x_m: f64, base_m: f64) -> f64 {
         x_m + self.engagement_m - base_m
     }

@@ -1,70 +1,63 @@
 //! Acquisition of one frame (ambient and lit light of every channel), and the schedule of frames.
 //!
-//! Ambient light adds to the reflected light of the emitter, so each channel is converted with its emitter
-//! off, on and off again. The reading is the lit mean minus the mean of both dark values, so linear drift
-//! cancels. Ambient light of amplitude A that flickers at frequency f leaves at most this error:
+//! Ambient light adds to the emitter's, so each channel is converted with its emitter off, on and
+//! off again. The reading is the lit mean minus the mean of both dark values: linear drift cancels,
+//! and ambient light of amplitude A that flickers at frequency f leaves at most this error:
 //!
 //! ```text
 //! A · (1 − cos 2πfΔ)    Δ = settling + conversions of one mean
 //! ```
 //!
-//! An emitter is lit only while its own channel is converted: neighbours do not see it, and it stays cool.
+//! An emitter is lit only for its own channel: neighbours do not see it, and it stays cool.
 
 use crate::board::{Clock, FrontEnd};
 use core::num::{NonZeroU32, NonZeroU64};
 use shared_proto::{CHANNELS, COUNTS_PER_LSB, Stream, Timing};
 
-/// Maximum number of conversions per value.
 pub const MAX_CONVERSIONS: u8 = 64;
 
-/// Largest code of the 12-bit converter.
 pub const FULL_SCALE: u16 = (1 << 12) - 1;
 
-/// Distance to full scale, in steps, within which a mean counts as clipped: some of its conversions may have
-/// been clipped, which a sum does not show. With noise of 1.5 steps (an effective 9.6 bits; the data sheet
-/// promises more than ten), clipping makes any lower mean less than a tenth of a step too small: E max(0, x −
-/// 4095) for x normal about 4093.
+/// Distance to full scale, in steps, within which a mean counts as clipped: some of its conversions
+/// may have been. With noise of 1.5 steps (an effective 9.6 bits; the data sheet promises more than
+/// ten), any lower mean is less than a tenth of a step too small: E max(0, x − 4095) for x normal
+/// about 4093.
 const CLIPPED_STEPS: u16 = 2;
 
-/// Allowance per channel for switching, starting and waking up, in µs.
+/// Switching, starting and waking up, per channel.
 const OVERHEAD_US: u32 = 30;
 
-/// Settings of frame acquisition, and the kind of sample to send.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Settings {
-    /// Readings or wrenches.
     pub stream: Stream,
-    /// Time from frame to frame in µs.
     pub period_us: u32,
     /// Conversions averaged for each lit and each dark value.
     pub conversions: u8,
-    /// Time from switching an emitter to converting, in µs.
+    /// Time from switching an emitter to converting.
     pub settling_us: u16,
 }
 
 impl Settings {
-    /// Settings after a reset: readings at 100 Hz, means of 8 conversions (one burst of the converter), 100
-    /// µs to settle. The settling time is the longest response time that Sharp's data sheets give for
-    /// photointerrupters of this kind into 1 kΩ (GP1S560: 90 and 100 µs). A longer one lets more flicker
-    /// through (docs/board.md).
+    /// Settings after a reset: 100 Hz, means of 8 conversions (one burst of the converter), 100 µs
+    /// to settle. That is the longest response time in Sharp's data sheets of such
+    /// photointerrupters into 1 kΩ (GP1S560: 90 and 100 µs). A longer one lets more flicker
+    /// through.
     pub const DEFAULT: Self =
         Self { stream: Stream::Raw, period_us: 10_000, conversions: 8, settling_us: 100 };
 }
 
-/// Eight readings, taken one after the other.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Frame {
     /// Readings in counts, [`COUNTS_PER_LSB`] per step of the converter.
     pub readings: [u16; CHANNELS],
     /// Bit i is set if channel i was at an end of the converter's range.
     pub saturated: u8,
-    /// Dark values of the channels (emitters off), in counts.
+    /// Dark values (emitters off), in counts.
     pub dark: [u16; CHANNELS],
-    /// Times of the readings within the frame.
     pub timing: Timing,
 }
 
-/// Takes a frame with conversions of `conversion_ns` each. The emitters are off before and after.
+/// Takes a frame; conversions take `conversion_ns` each. The emitters are off before and after.
 pub async fn acquire<F: FrontEnd, C: Clock>(
     front_end: &mut F,
     clock: &C,
@@ -95,7 +88,6 @@ pub async fn acquire<F: FrontEnd, C: Clock>(
     frame
 }
 
-/// Computes a frame's timing from its start and the times of its first and last reading.
 fn timing(start_us: u64, first_us: u64, last_us: u64) -> Timing {
     let steps = CHANNELS as u64 - 1;
     let fit = |us: u64| u16::try_from(us).unwrap_or(u16::MAX);
@@ -105,8 +97,8 @@ fn timing(start_us: u64, first_us: u64, last_us: u64) -> Timing {
     }
 }
 
-/// Returns mean lit code minus mean dark code in counts, rounded; each sum has twice `conversions` codes.
-/// Returns zero if the channel is darker with light.
+/// Returns mean lit minus mean dark code in counts, at least 0; sums have twice `conversions`
+/// codes.
 fn difference(dark: u32, lit: u32, conversions: u8) -> u16 {
     let conversions = 2 * u32::from(conversions);
     let counts = lit.saturating_sub(dark) * u32::from(COUNTS_PER_LSB);
@@ -114,13 +106,13 @@ fn difference(dark: u32, lit: u32, conversions: u8) -> u16 {
     ((counts + conversions / 2) / conversions.max(1)) as u16
 }
 
-/// A mean at full scale may be clipped; a lit mean of zero is not a valid reading.
+/// A mean at full scale may be clipped; a lit mean of zero is no valid reading.
 fn is_saturated(dark: u32, lit: u32, conversions: u8) -> bool {
     dark.max(lit) >= u32::from(FULL_SCALE - CLIPPED_STEPS) * u32::from(conversions) || lit == 0
 }
 
-/// Lights one emitter and measures how much each channel rises, in steps of the converter. The emitters are
-/// off before and after.
+/// Lights one emitter and measures each channel's rise, in steps. Emitters are off before and
+/// after.
 pub async fn illuminate<F: FrontEnd>(
     front_end: &mut F,
     settings: &Settings,
@@ -141,17 +133,15 @@ pub async fn illuminate<F: FrontEnd>(
     rise
 }
 
-/// Returns the maximum duration of a frame with these settings, in µs.
 pub fn duration_us(settings: &Settings, conversion_ns: u32) -> u32 {
     let conversions_us = (u32::from(settings.conversions) * conversion_ns).div_ceil(1000);
     CHANNELS as u32 * (2 * u32::from(settings.settling_us) + 3 * conversions_us + OVERHEAD_US)
 }
 
-/// Maximum delay of a frame, in µs: a hundredth of the 10 ms period. A slot that is missed by more is
-/// skipped.
+/// Maximum delay of a frame, µs: a hundredth of the 10 ms period. Later slots are skipped.
 const TOLERANCE_US: u64 = 100;
 
-/// Slots at fixed distances from the first: the delay of one does not carry over to the next.
+/// Slots at fixed distances from the first, so that delays do not add up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Schedule {
     next_us: u64,
@@ -159,13 +149,12 @@ pub(crate) struct Schedule {
 }
 
 impl Schedule {
-    /// Creates a schedule whose first slot is at `first_us` and whose period is `period_us`, at least 1.
     pub(crate) fn new(first_us: u64, period_us: u32) -> Self {
         let period_us = NonZeroU32::new(period_us).unwrap_or(NonZeroU32::MIN);
         Self { next_us: first_us, period_us }
     }
 
-    /// Returns the time of the next slot that can be met, and the number of slots skipped before it.
+    /// Returns the time of the next slot that can be met, and the number of slots skipped.
     pub(crate) fn next(&mut self, now_us: u64) -> (u64, u32) {
         let latest_us = self.next_us.saturating_add(TOLERANCE_US);
         let late_us = now_us.saturating_sub(latest_us);
@@ -178,7 +167,6 @@ impl Schedule {
         (self.next_us, u32::try_from(skipped).unwrap_or(u32::MAX))
     }
 
-    /// Marks the slot that [`Schedule::next`] returned as used.
     pub(crate) fn advance(&mut self) {
         self.next_us = self.next_us.saturating_add(u64::from(self.period_us.get()));
     }

@@ -1,20 +1,17 @@
-//! Baud rates of the serial line: the nominal rate in commands, and the rate that a divider produces.
+//! Baud rates of the serial line: the nominal rate in commands, and that of a divider.
 //!
 //! ```text
 //! rate = clock / divider    (RM0394, section 38.5.4, oversampling by 16)
 //! ```
 //!
-//! Every byte arrives if both ends are off by less than 2 %: a receiver tolerates about 4 % of both clocks'
-//! errors together. The internal oscillator adds an error of up to 1 % (DS11451, table "HSI16 oscillator
-//! characteristics").
+//! A receiver tolerates about 4 % of both clocks' errors together, so 2 % at either end. The
+//! internal oscillator adds up to 1 % (DS11451, table "HSI16 oscillator characteristics").
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Baud {
     /// The nominal rate, to which the other end is set.
     pub name: u32,
-    /// Clock periods per bit.
     pub divider: u16,
-    /// The rate that the divider produces, in baud.
     pub actual: u32,
 }
 
@@ -22,22 +19,21 @@ pub struct Baud {
 const BITS_PER_BYTE: u32 = 10;
 
 impl Baud {
-    /// Returns the rate closest to `meant` that a divider of the clock can produce; all in Hz.
+    /// Returns the rate closest to `meant` that a divider can produce; all in Hz.
     const fn near(clock_hz: u32, name: u32, meant: u32) -> Self {
         let divider = (clock_hz + meant / 2) / meant;
         Self { name, divider: divider as u16, actual: clock_hz / divider }
     }
 
-    /// Returns the capacity of a line at this rate, in bytes per second.
     pub const fn bytes_per_s(self) -> u32 {
         self.actual / BITS_PER_BYTE
     }
 }
 
-/// Rates with a clock of 80 MHz; a reset selects [`FIRST`].
+/// Rates with a clock of 80 MHz.
 ///
-/// The rate called 57,600 lies between the two rates that the other end may have: 57,600, and 58,824, which
-/// an XBee derives for it from its 16 MHz clock.
+/// 57,600 lies between the rates that the other end may have: 57,600, and 58,824, which an XBee
+/// derives for it from its 16 MHz clock.
 pub const RATES: [Baud; 9] = [
     Baud::near(CLOCK_HZ, 9_600, 9_600),
     Baud::near(CLOCK_HZ, 19_200, 19_200),
@@ -53,7 +49,6 @@ pub const RATES: [Baud; 9] = [
 /// The rate after a reset.
 pub const FIRST: Baud = Baud::near(CLOCK_HZ, 57_600, 58_200);
 
-/// The clock that the dividers of [`RATES`] divide, in Hz.
 pub const CLOCK_HZ: u32 = 80_000_000;
 
 #[cfg(test)]

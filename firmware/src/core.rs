@@ -1,4 +1,4 @@
-//! State of the board without any waiting: effects of commands, and the samples made of frames.
+//! State of the board without any waiting: effects of commands, and samples from frames.
 
 use crate::acquisition::{Frame, Schedule, Settings};
 use crate::board::{Storage, VITALS_US};
@@ -12,31 +12,27 @@ use shared_proto::{
     PacketOrigin, Refusal, Sample, Status, Stream, Values, Vitals,
 };
 
-/// Interval of health reports, in µs.
 const HEALTH_US: u64 = 1_000_000;
 
-/// Settings, schedule, calibration, outbox and counts. A command takes effect completely or not at all.
+/// State of the board. A command takes effect completely or not at all.
 #[derive(Debug)]
 pub(crate) struct Core<'a> {
-    /// Identity and limits of the board, with the rate that its line is about to have.
+    /// Identity and limits, with the rate that the line is about to have.
     setup: BoardSetup,
     pub(crate) line: LineState,
-    /// Settings of frame acquisition.
     pub(crate) settings: Settings,
-    /// Schedule of the frames, `None` when not streaming.
     schedule: Option<Schedule>,
-    /// Conversion of readings to wrenches, `None` without a calibration.
     converter: Option<Converter>,
     upload: Option<Upload>,
-    /// The record being uploaded; at the start, the record in storage.
+    /// The record being uploaded; at first, the one in storage.
     record: &'a mut Record,
     self_test: Option<SelfTest>,
     pub(crate) outbox: Outbox,
-    /// Counts since the reset, the reset's cause, and the CRC-32 of the calibration in use.
+    /// Counts since the reset, its cause, and the CRC-32 of the calibration in use.
     pub(crate) counts: Status,
-    /// Time at which a health report is due; a change makes one due immediately.
+    /// When a health report is due; after a change, immediately.
     health_at_us: u64,
-    /// Settings in the last report of the readings' timing to the host.
+    /// Settings in the last report of the timing to the host.
     described: Option<Settings>,
 }
 
@@ -46,16 +42,14 @@ pub(crate) struct SelfTest {
     number: u16,
 }
 
-/// The next action on the serial line.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum OnLine {
     Frame(WireFrame),
-    /// Change the line itself.
     Change(Change),
 }
 
 impl<'a> Core<'a> {
-    /// Creates the state after a reset, with a report of it in the outbox. `record` holds uploads.
+    /// Creates the state after a reset, with its report in the outbox. `record` holds uploads.
     pub(crate) fn new(setup: BoardSetup, record: &'a mut Record) -> Self {
         let BoardSetup { identity, start, reset_cause: cause, .. } = setup;
         let mut outbox = Outbox::new(PacketOrigin { board: identity.id().short(), start });
@@ -77,15 +71,14 @@ impl<'a> Core<'a> {
         }
     }
 
-    /// Returns when the next frame is due, `None` when not streaming. Slots that can no longer be met count
-    /// as late.
+    /// Returns when the next frame is due, if streaming. Slots that cannot be met count as late.
     pub(crate) fn next_slot(&mut self, now_us: u64) -> Option<u64> {
         let (slot_us, skipped) = self.schedule.as_mut()?.next(now_us);
         self.counts.late = self.counts.late.wrapping_add(skipped);
         Some(slot_us)
     }
 
-    /// Marks the slot as used; returns the settings of the frame and the duration of a conversion in ns.
+    /// Uses the slot; returns the settings of the frame and the duration of a conversion, ns.
     pub(crate) fn begin_frame(&mut self) -> (Settings, u32) {
         if let Some(schedule) = &mut self.schedule {
             schedule.advance();
@@ -93,8 +86,8 @@ impl<'a> Core<'a> {
         (self.settings, self.setup.conversion_ns)
     }
 
-    /// Returns `None` if no health report is due before the sample of the frame just taken; otherwise whether
-    /// there is time to measure before the next frame.
+    /// Returns `None` if the frame just taken needs no health report; otherwise true if there is
+    /// time to measure before the next frame.
     pub(crate) fn health_due(&mut self, now_us: u64) -> Option<bool> {
         let is_described = self.described == Some(self.settings);
         if is_described && now_us < self.health_at_us {
@@ -104,8 +97,7 @@ impl<'a> Core<'a> {
         Some(next_us.saturating_sub(now_us) >= VITALS_US)
     }
 
-    /// Puts a sample of the frame taken from `start_us` to `end_us` into the outbox, preceded by a health
-    /// report if there are vitals.
+    /// Puts a sample of the frame into the outbox, after a health report if there are vitals.
     pub(crate) fn finish_frame(
         &mut self,
         frame: &Frame,
@@ -139,7 +131,7 @@ impl<'a> Core<'a> {
         self.outbox.push_in_turn(Packet::Sample(sample));
     }
 
-    /// Executes a command and puts the answer into the outbox. Commands for another board are only counted.
+    /// Executes a command and queues its answer; only counts commands for other boards.
     pub(crate) fn command<S: Storage>(
         &mut self,
         number: u16,
@@ -173,7 +165,6 @@ impl<'a> Core<'a> {
         self.outbox.answer(number, answer.unwrap_or_else(Answer::Refused));
     }
 
-    /// Takes the requested self-test, unless the board has started streaming.
     pub(crate) fn take_self_test(&mut self) -> Option<SelfTest> {
         let test = self.self_test.take()?;
         if self.is_streaming() {
@@ -183,20 +174,17 @@ impl<'a> Core<'a> {
         Some(test)
     }
 
-    /// Answers a self-test with the rise of each channel, in steps.
     pub(crate) fn finish_self_test(&mut self, test: &SelfTest, rise: [i16; CHANNELS]) {
         let answer = Answer::SelfTest { emitter: test.emitter, rise };
         self.outbox.answer(test.number, answer);
     }
 
-    /// Returns the next action on the serial line, if any.
     pub(crate) fn next_on_line(&mut self) -> Option<OnLine> {
         let answer = self.outbox.pop_answer().map(OnLine::Frame);
         let answer = answer.or_else(|| self.line.take().map(OnLine::Change));
         answer.or_else(|| self.outbox.pop().map(OnLine::Frame))
     }
 
-    /// Uses the calibration in storage, if any.
     pub(crate) fn load<S: Storage>(&mut self, storage: &mut S) {
         storage.load(self.record);
         if let Some(crc) = upload::kept_crc(self.record) {
@@ -208,10 +196,7 @@ impl<'a> Core<'a> {
         self.schedule.is_some()
     }
 
-    /// Executes a command whose answer carries no data.
-    ///
-    /// # Errors
-    /// The reason of the refusal; the state is unchanged.
+    /// Executes a command whose answer carries no data; a refusal leaves the state unchanged.
     fn execute<S: Storage>(
         &mut self,
         command: &Command,
@@ -256,7 +241,7 @@ impl<'a> Core<'a> {
             Command::CalibrationPiece { offset, ref data } => {
                 self.upload.as_mut().ok_or(Refusal::NoUpload)?.piece(offset, data, self.record)
             }
-            // The core stops while pages are erased, which would lose frames.
+            // Erasing pages stops the core, which would lose frames.
             Command::CommitCalibration if self.is_streaming() => Err(Refusal::Streaming),
             Command::CommitCalibration => self.commit(storage),
             Command::Zero { frames } => {
@@ -267,14 +252,13 @@ impl<'a> Core<'a> {
         }
     }
 
-    /// Returns whether to restore the previous rate because nothing was heard at the new one.
+    /// Returns true to restore the previous rate, as nothing was heard at the new one.
     pub(crate) fn gives_up_rate(&mut self, now_us: u64) -> bool {
         let old = self.line.give_up(now_us);
         self.setup.rate = old.or(self.setup.rate);
         old.is_some()
     }
 
-    /// Sets a rate at which the frames fit on the line.
     fn set_baud(&mut self, name: u32) -> Result<(), Refusal> {
         let rate = self.setup.rates.iter().find(|rate| rate.name == name);
         let rate = *rate.ok_or(match self.setup.rates {
@@ -297,7 +281,7 @@ impl<'a> Core<'a> {
         Ok(())
     }
 
-    /// Stores the upload and keeps it, so that a commit whose answer was lost can be sent again.
+    /// Stores the upload and keeps it, so that a commit whose answer was lost can be repeated.
     fn commit<S: Storage>(&mut self, storage: &mut S) -> Result<(), Refusal> {
         let crc = self.upload.ok_or(Refusal::NoUpload)?.finish(self.record)?;
         let in_use = self.converter.is_some() && self.counts.calibration_crc32 == crc;
@@ -418,7 +402,6 @@ mod tests {
         memory: Memory,
     }
 
-    /// The state after a reset.
     fn started<S: Storage>(storage: &mut S) -> Core<'static> {
         let record = std::boxed::Box::leak(std::boxed::Box::new([0; RECORD]));
         let mut core = Core::new(setup(1_000, 1_500), record);

@@ -2,33 +2,28 @@
 
 use shared_proto::{COUNTS_PER_LSB, Vitals};
 
-/// Supply during factory calibration, in mV (DS11451, tables "Embedded internal voltage reference" and "TS
-/// characteristics"; the tolerances there are 10 mV and 5 °C).
+/// Supply during factory calibration, mV (DS11451, tables "Embedded internal voltage reference" and
+/// "TS characteristics"; tolerances 10 mV and 5 °C).
 const SUPPLY_MV: u32 = 3_000;
 
-/// Temperatures of the thermometer's two codes, in hundredths of a degree Celsius.
+/// Temperatures of the thermometer's two codes.
 const COLD_CDEG: i32 = 3_000;
 const HOT_CDEG: i32 = 13_000;
 
 /// Calibration codes that the factory writes into the chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Factory {
-    /// Code of the voltage reference.
     pub reference: u16,
-    /// Code of the thermometer when cold.
     pub cold: u16,
-    /// Code of the thermometer when hot.
     pub hot: u16,
 }
 
 impl Factory {
-    /// Converts sums of `conversions` codes of the reference and of the thermometer.
     pub fn vitals(&self, reference: u32, thermometer: u32, conversions: u8) -> Vitals {
         let conversions = u32::from(conversions.max(1));
         let counts = |sum: u32| (sum * u32::from(COUNTS_PER_LSB) + conversions / 2) / conversions;
         let (reference, thermometer) = (counts(reference), counts(thermometer));
         let factory = u32::from(self.reference) * u32::from(COUNTS_PER_LSB);
-        // A reference of zero gives no supply.
         let supply_mv = (SUPPLY_MV * factory + reference / 2).checked_div(reference);
         Vitals {
             temperature_cdeg: supply_mv.and_then(|supply| self.temperature(thermometer, supply)),
@@ -37,7 +32,7 @@ impl Factory {
         }
     }
 
-    /// Returns the temperature in hundredths of a degree Celsius; `None` if it is out of range.
+    /// Returns hundredths of a degree Celsius; `None` if out of range.
     fn temperature(&self, counts: u32, supply_mv: u32) -> Option<i16> {
         let per_step = i64::from(COUNTS_PER_LSB);
         let (cold, hot) = (i64::from(self.cold) * per_step, i64::from(self.hot) * per_step);

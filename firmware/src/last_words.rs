@@ -10,14 +10,13 @@ use shared_proto::{Answer, MAX_PIECE, Piece};
 pub struct LastWords(Vec<u8, { Self::LEN }>);
 
 impl LastWords {
-    /// Maximum length in bytes.
+    /// In bytes.
     pub const LEN: usize = 200;
 
     pub const fn new() -> Self {
         Self(Vec::new())
     }
 
-    /// Creates a text from stored bytes; the excess is cut off.
     pub fn from_bytes(bytes: &[u8]) -> Self {
         let mut words = Self::new();
         words.push(bytes);
@@ -28,17 +27,14 @@ impl LastWords {
         &self.0
     }
 
-    /// Returns the text up to the first byte that is not valid UTF-8.
     pub fn as_str(&self) -> &str {
         self.0.utf8_chunks().next().map_or("", |chunk| chunk.valid())
     }
 
     fn push(&mut self, bytes: &[u8]) {
-        // An error is a byte that does not fit.
         _ = bytes.iter().try_for_each(|&byte| self.0.push(byte));
     }
 
-    /// Returns the answer with as many bytes from `offset` on as fit.
     pub(crate) fn answer(&self, offset: u16) -> Answer {
         let rest = self.0.get(usize::from(offset)..).unwrap_or_default();
         let text = rest.get(..rest.len().min(MAX_PIECE)).and_then(Piece::copy_of);
@@ -85,7 +81,7 @@ mod tests {
         words.write_str("x").unwrap();
         words.write_str(&long).unwrap();
         assert_eq!(words.as_bytes().len(), LastWords::LEN);
-        // The last character is cut in half, so it is left out.
+        // The last character was cut in half, so it is left out.
         assert_eq!(words.as_str(), &(String::from("x") + &long)[..LastWords::LEN - 1]);
         assert_eq!(LastWords::from_bytes(words.as_bytes()), words);
     }

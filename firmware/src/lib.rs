@@ -1,11 +1,10 @@
 //! The behaviour of the SkinProc board, independent of the hardware that it runs on.
 //!
-//! At every slot of a schedule, [`acquisition`] reads the eight channels through a [`FrontEnd`]. The core
-//! turns the frame into a sample, on request through the [`Converter`], and puts it into the outbox. It also
-//! executes commands and puts the answers into the same outbox. The tasks that drive this are in [`Station`].
+//! At every slot of a schedule, [`acquisition`] reads the eight channels through a [`FrontEnd`].
+//! The core turns the frame into a sample, on request through the [`Converter`], executes commands,
+//! and puts samples and answers into the outbox. [`Station`] has the tasks.
 //!
-//! No code here names a pin or a register: a board is a binary that implements the traits of [`board`]. There
-//! is no heap, and every queue is bounded.
+//! A board is a binary with the traits of [`board`]. There is no heap, and every queue is bounded.
 #![no_std]
 #![forbid(unsafe_code)]
 #![expect(async_fn_in_trait, reason = "one executor on one core: no future has to be Send")]

@@ -2,7 +2,7 @@
 
 use crate::baud::Baud;
 
-/// Trial time of a new rate, in µs; a host reopens its port within tens of ms.
+/// Trial of a new rate, µs; a host reopens its port within tens of ms.
 const TRIAL_US: u64 = 3_000_000;
 
 /// A change to make after the pending answers have left.
@@ -12,19 +12,17 @@ pub(crate) enum Change {
     Bootloader,
 }
 
-/// The rate of the line. A new rate at which nothing valid is heard is reverted, so that a rate that the
-/// other end or the wire does not support cannot cut off a board.
+/// The line's rate. A new one at which nothing valid is heard is reverted, lest it cut off a board.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct LineState {
     wanted: Option<Change>,
-    /// The current rate, `None` if the line has no rate to set.
+    /// `None` if the line has no rate to set.
     rate: Option<Baud>,
     trial: Option<RateTrial>,
 }
 
 #[derive(Clone, Copy, Debug)]
 struct RateTrial {
-    /// The previous rate.
     back_to: Baud,
     /// `None` while the line still has the previous rate.
     end_us: Option<u64>,
@@ -35,7 +33,6 @@ impl LineState {
         Self { wanted: None, rate, trial: None }
     }
 
-    /// Requests a change after the pending answers have left.
     pub(crate) fn want(&mut self, change: Change) {
         self.wanted = Some(change);
     }
@@ -52,19 +49,17 @@ impl LineState {
         Some(change)
     }
 
-    /// Confirms the change; the trial of a new rate starts.
     pub(crate) fn done(&mut self, now_us: u64) {
         if let Some(trial) = &mut self.trial {
             trial.end_us = Some(now_us + TRIAL_US);
         }
     }
 
-    /// Notes that something valid was heard: the rate is good, unless the line still had the previous one.
+    /// Something valid was heard: the rate is good, unless the line still had the previous one.
     pub(crate) fn heard(&mut self) {
         self.trial = self.trial.filter(|trial| trial.end_us.is_none());
     }
 
-    /// Returns the previous rate if the trial has failed: the line must be set to it again.
     pub(crate) fn give_up(&mut self, now_us: u64) -> Option<Baud> {
         let is_over = |trial: &RateTrial| trial.end_us.is_some_and(|end_us| now_us >= end_us);
         let trial = self.trial.filter(is_over)?;
@@ -80,7 +75,7 @@ mod tests {
 
     const FAST: Baud = RATES[4];
 
-    /// A line whose rate was changed to the fast one at 1 ms.
+    /// A line with the fast rate since 1 ms.
     fn changed() -> LineState {
         let mut line = LineState::new(Some(FIRST));
         line.want(Change::Rate(FAST));
@@ -104,7 +99,6 @@ mod tests {
         let mut line = changed();
         line.heard();
         assert_eq!(line.give_up(u64::MAX), None);
-        // Setting the current rate needs no trial.
         line.want(Change::Rate(FAST));
         assert_eq!(line.take(), Some(Change::Rate(FAST)));
         line.done(0);

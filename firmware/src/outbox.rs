@@ -4,28 +4,26 @@ use crate::board::SeenEdge;
 use heapless::Deque;
 use shared_proto::{Answer, Edge, Frame, Health, Packet, PacketOrigin, Sample};
 
-/// Capacity for samples: 160 ms at 100 Hz. A health report takes the place of one.
+/// 160 ms at 100 Hz. A health report takes the place of a sample.
 pub(crate) const SAMPLES: usize = 16;
 
-/// Capacity for answers. The host sends one request at a time.
+/// The host sends one request at a time.
 const ANSWERS: usize = 4;
 
 pub(crate) const EDGES: usize = 8;
 
 /// Outgoing frames: answers before samples, and samples before edges.
 ///
-/// When the samples do not fit, the oldest is dropped and counted, so that after a stalled link the host
-/// first gets the latest measurements. A sample gets its sequence number when it leaves: a gap in the
-/// sequence is a loss on the link, and a step of `dropped` a loss on the board. Edges use the capacity that
-/// samples leave. Edges that do not fit are counted, so that the next edge's number shows the gap.
+/// The oldest sample is dropped and counted when the next does not fit, so that the host gets the
+/// latest ones after a stalled link. A sample gets its sequence number when it leaves: a gap in the
+/// sequence is a loss on the link, a step of `dropped` a loss on the board. Edges use the capacity
+/// that samples leave; the next edge's number shows how many did not fit.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Outbox {
     origin: PacketOrigin,
     answers: Deque<Frame, ANSWERS>,
-    /// Samples and health reports.
     stream: Deque<Packet, SAMPLES>,
     edges: Deque<Edge, EDGES>,
-    /// Edges so far.
     seen_edges: u16,
     sequence: u16,
     /// Samples dropped so far; wraps.
@@ -37,22 +35,21 @@ impl Outbox {
         Self { origin, ..Self::default() }
     }
 
-    /// Queues a sample, or a health report that precedes the samples pushed after it. The caller sets a
-    /// sample's `dropped` to the frames not taken so far. A sample gets its sequence number when it leaves.
+    /// Queues a sample, or a health report that precedes later samples. A sample's `dropped` counts
+    /// the frames not taken; its sequence number is set when it leaves.
     pub(crate) fn push_in_turn(&mut self, packet: Packet) {
         if self.stream.is_full() {
             let dropped = self.stream.pop_front();
             let is_sample = matches!(dropped, Some(Packet::Sample(_)));
             self.overflowed = self.overflowed.wrapping_add(u32::from(is_sample));
         }
-        // There is room now.
         _ = self.stream.push_back(packet);
     }
 
     pub(crate) fn push_edge(&mut self, seen: SeenEdge) {
         let number = self.seen_edges.wrapping_add(seen.missed);
         self.seen_edges = number.wrapping_add(1);
-        // If there is no room, the gap in the numbers shows the loss.
+        // Without room, the gap in the numbers shows the loss.
         _ = self.edges.push_back(Edge { number, clock_us: seen.at_us as u32 });
     }
 
@@ -60,7 +57,7 @@ impl Outbox {
         self.push_now(Packet::Answer { number, answer });
     }
 
-    /// Queues a packet ahead of all samples. It is lost if the queue is full; the host then asks again.
+    /// Queues a packet ahead of all samples. If it is full, the host will repeat its request.
     pub(crate) fn push_now(&mut self, packet: Packet) {
         _ = self.answers.push_back(packet.encode_from(self.origin));
     }
@@ -82,7 +79,6 @@ impl Outbox {
             Packet::Health(health) => Packet::Health(Health { sequence, ..health }),
             Packet::Sample(sample) => {
                 self.sequence = sequence.wrapping_add(1);
-                // All dropped samples are older than the queued ones.
                 let dropped = sample.dropped.wrapping_add(self.overflowed as u8);
                 Packet::Sample(Sample { sequence, dropped, ..sample })
             }
@@ -121,7 +117,6 @@ mod tests {
         }
     }
 
-    /// Sequence number, clock and count of dropped frames of each sample.
     fn samples(packets: &[Packet]) -> Vec<(u16, u32, u8)> {
         let samples = packets.iter().map(|packet| match packet {
             Packet::Sample(sample) => (sample.sequence, sample.clock_us, sample.dropped),
@@ -162,7 +157,6 @@ mod tests {
         let out = sent(&mut outbox);
         assert_eq!(out[2], Packet::Health(health));
         assert!(matches!(out[3], Packet::Sample(Sample { sequence: 2, .. })));
-        // A dropped health report does not count as a dropped sample.
         outbox.push_in_turn(Packet::Health(Health { clock_us: 8, ..health }));
         push(&mut outbox, SAMPLES as u16, 0);
         assert_eq!(outbox.overflowed, 0);

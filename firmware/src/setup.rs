@@ -5,42 +5,28 @@ use crate::baud::Baud;
 use crate::last_words::LastWords;
 use shared_proto::{Identity, READINGS_FRAME, Refusal, ResetCause, Stream, WRENCH_FRAME};
 
-/// Identity of a board and the circumstances of its start.
 #[derive(Clone, Debug)]
 pub struct BoardSetup {
-    /// The board's answer to an identify request.
     pub identity: Identity,
-    /// A number that changes at every start.
     pub start: u16,
-    /// Why the board has started.
     pub reset_cause: ResetCause,
-    /// The last words before the reset, if a fatal error caused it.
     pub last_words: LastWords,
-    /// Duration of one conversion in ns, rounded up, so that the limits sent to the host fit into a period.
+    /// Rounded up, so that the limits sent to the host fit into a period.
     pub conversion_ns: u32,
-    /// The rate of the serial line; `None` if the line has no rate and is never the bottleneck.
+    /// `None` if the line has no rate and is never the bottleneck.
     pub rate: Option<Baud>,
-    /// Rates that the line to the host can be set to.
     pub rates: &'static [Baud],
-    /// True if the chip has a bootloader that listens on that line.
     pub has_bootloader: bool,
 }
 
-/// Share of the line that samples may use, in percent. Answers need room, and the clocks at both ends differ
-/// by up to about 2 %.
+/// Share of the line for samples: answers need room, and the ends' clocks differ by some 2 %.
 const SHARE_PERCENT: u64 = 95;
 
-/// Longest period in µs.
 const MAX_PERIOD_US: u32 = 10_000_000;
 
-/// Longest settling in µs.
 const MAX_SETTLING_US: u16 = 10_000;
 
 impl BoardSetup {
-    /// Checks that frames can be taken with these settings while the line has this rate.
-    ///
-    /// # Errors
-    /// The reason why not.
     pub(crate) fn check(&self, settings: &Settings, rate: Option<Baud>) -> Result<(), Refusal> {
         let min_period_us = self.identity.min_period_us;
         let in_range = (min_period_us..=MAX_PERIOD_US).contains(&settings.period_us)
@@ -62,7 +48,7 @@ impl BoardSetup {
     }
 }
 
-/// Returns the time that a sample takes on a line, in µs, with room for other packets.
+/// Returns the time of a sample on a line, µs, with room for other packets.
 fn sample_us(stream: Stream, rate: Baud) -> u32 {
     let bytes = match stream {
         Stream::Wrench => WRENCH_FRAME as u64,
@@ -78,10 +64,8 @@ pub(crate) mod tests {
     use super::*;
     use shared_proto::Board;
 
-    /// 57,600 baud with ten bits to a byte.
     const RATE: Baud = Baud { name: 57_600, divider: 0, actual: 57_600 };
 
-    /// A board without a line whose rate can be set.
     pub(crate) fn setup(min_period_us: u32, conversion_ns: u32) -> BoardSetup {
         let (board, serial) = (Board::SkinProc, [7; 12]);
         BoardSetup {

@@ -6,8 +6,7 @@
 //! receive ── commands ─────────▶ └──────┘ ── changed ───▶ acquire ── alive ──▶ watch
 //! ```
 //!
-//! On a board, each is a separate task. They share the core's state, which is never borrowed across an await,
-//! and wake each other by signals.
+//! On a board, each is a task. They share the core, never borrowed across an await, and signals.
 
 use crate::acquisition::{acquire, illuminate};
 use crate::board::{Chip, Clock, FrontEnd, SeenEdge, Storage};
@@ -23,12 +22,10 @@ use embassy_sync::signal::Signal;
 use embedded_io_async::{Read, Write};
 use shared_proto::{Answer, Decoder, Event, Framing, Packet, ReceivedPacket, Refusal, Vitals};
 
-/// Longest time between two signs of life, in µs.
 const ALIVE_US: u64 = 250_000;
 
-/// Longest wait for the last bytes to leave, in µs: enough for the two bytes that a driver still holds at
-/// 9,600 baud. The receiver of embassy-stm32 0.6 clears the flag that its `flush` waits for, so `flush` may
-/// never return.
+/// Longest wait for the last bytes to leave, µs: two bytes of a driver at 9,600 baud. The receiver
+/// of embassy-stm32 0.6 clears the flag that its `flush` waits for, so `flush` may never return.
 const DRAIN_US: u64 = 2_500;
 
 /// Pause after a receiver error, so that a stuck line does not use up all the time.
@@ -45,14 +42,13 @@ pub struct Station<'a, C> {
 }
 
 impl<'a, C: Clock> Station<'a, C> {
-    /// Creates a board after its start. `record` holds uploads.
     pub fn new(setup: BoardSetup, clock: C, record: &'a mut Record) -> Self {
         let core = RefCell::new(Core::new(setup, record));
         Self { core, clock, changed: Wake::new(), outgoing: Wake::new(), alive: Wake::new() }
     }
 
-    /// Takes frames at their slots while streaming. Only this task gives signs of life: a stalled link is no
-    /// reason for a reset, but a converter that does not answer is.
+    /// Takes frames at their slots while streaming. Only this task gives signs of life: a stalled
+    /// link is no reason for a reset, but a stuck converter is.
     pub async fn acquire<F: FrontEnd>(&self, mut front_end: F) {
         front_end.light(None);
         loop {
@@ -70,8 +66,7 @@ impl<'a, C: Clock> Station<'a, C> {
         }
     }
 
-    /// Waits for the next slot or the next sign of life, whichever is earlier; returns whether a frame is
-    /// due.
+    /// Waits for the next slot or sign of life; returns true if a frame is due.
     async fn next_slot(&self) -> bool {
         let now_us = self.clock.now_us();
         if self.core.borrow_mut().gives_up_rate(now_us) {
@@ -80,8 +75,7 @@ impl<'a, C: Clock> Station<'a, C> {
         let slot_us = self.core.borrow_mut().next_slot(now_us);
         let until_us = slot_us.unwrap_or(u64::MAX).min(now_us + ALIVE_US);
         if until_us > now_us {
-            // Pending changes are handled before the clock is read again, so that a first frame is at its
-            // slot.
+            // Changes come before the clock is read again, so that a first frame is at its slot.
             select(self.changed.wait(), self.clock.wait_until_us(until_us)).await;
         }
         // The slot may have moved during the wait, or be late by now.
@@ -125,7 +119,7 @@ impl<'a, C: Clock> Station<'a, C> {
         }
     }
 
-    /// Executes incoming commands, after loading the calibration from storage.
+    /// Executes incoming commands, after loading the calibration.
     pub async fn receive<R: Read, S: Storage>(&self, mut receiver: R, mut storage: S) {
         self.core.borrow_mut().load(&mut storage);
         let mut decoder = Decoder::new(Framing::Cobs);
@@ -160,7 +154,6 @@ impl<'a, C: Clock> Station<'a, C> {
         }
     }
 
-    /// Passes on the edges at the sync input as they occur.
     pub async fn listen(&self, mut next_edge: impl AsyncFnMut() -> SeenEdge) {
         loop {
             let edge = next_edge().await;
@@ -169,7 +162,7 @@ impl<'a, C: Clock> Station<'a, C> {
         }
     }
 
-    /// Feeds the watchdog at every sign of life; it resets the board unless fed at least once a second.
+    /// Feeds the watchdog at every sign of life; it needs one a second.
     pub async fn watch(&self, mut feed: impl FnMut()) {
         loop {
             feed();

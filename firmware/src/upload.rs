@@ -2,23 +2,21 @@
 
 use shared_proto::{Calibration, Refusal, crc32};
 
-/// Offset of the calibration in a record, after its length and its CRC-32.
+/// After the length and the CRC-32.
 const CALIBRATION: usize = 8;
 
-/// Length of a [`Record`], a multiple of the eight bytes that flash is written in.
+/// A multiple of the eight bytes that flash is written in.
 pub const RECORD: usize = (CALIBRATION + Calibration::MAX_SIZE).next_multiple_of(8);
 
-/// Content of [`crate::Storage`], little-endian: length of a calibration in bytes, its CRC-32, room for the
-/// longest calibration, padding.
+/// Content of [`crate::Storage`], little-endian: length of a calibration in bytes, its CRC-32, room
+/// for the longest calibration, padding.
 pub type Record = [u8; RECORD];
 
-/// Returns the CRC-32 of the bytes in a record, `None` if it was never written or is damaged.
 pub(crate) fn kept_crc(record: &Record) -> Option<u32> {
     let crc = u32::from_le_bytes(*record[4..].first_chunk()?);
     (crc32(kept_bytes(record)?) == crc).then_some(crc)
 }
 
-/// Returns the calibration in an undamaged record; `None` if the bytes are not a calibration.
 pub(crate) fn open(record: &Record) -> Option<Calibration> {
     Calibration::from_bytes(kept_bytes(record)?)
 }
@@ -29,7 +27,6 @@ fn kept_bytes(record: &Record) -> Option<&[u8]> {
     record.get(CALIBRATION..CALIBRATION.checked_add(size)?)
 }
 
-/// A calibration that arrives in pieces, assembled in order in a record.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Upload {
     size: usize,
@@ -37,10 +34,7 @@ pub(crate) struct Upload {
 }
 
 impl Upload {
-    /// Begins an upload of `size` bytes with this CRC-32.
-    ///
-    /// # Errors
-    /// [`Refusal::WrongSize`] if no calibration has that size.
+    /// Begins an upload; refuses a size that no calibration has.
     pub(crate) fn begin(size: u32, crc: u32, record: &mut Record) -> Result<Self, Refusal> {
         let known = usize::try_from(size).ok().filter(|&size| Calibration::is_size(size));
         let upload = Self { size: known.ok_or(Refusal::WrongSize)?, received: 0 };
@@ -51,12 +45,10 @@ impl Upload {
         Ok(upload)
     }
 
-    /// Adds the next piece. A piece that was received before is accepted again, since its answer may have
-    /// been lost.
+    /// Adds the next piece, or accepts one again whose answer may have been lost.
     ///
     /// # Errors
-    /// [`Refusal::WrongOffset`] if an earlier piece is missing; [`Refusal::WrongSize`] if the piece exceeds
-    /// the size.
+    /// [`Refusal::WrongOffset`] without an earlier piece; [`Refusal::WrongSize`] beyond the size.
     pub(crate) fn piece(
         &mut self,
         offset: u16,
@@ -77,11 +69,7 @@ impl Upload {
         Ok(())
     }
 
-    /// Returns the CRC-32 of a complete and valid calibration.
-    ///
-    /// # Errors
-    /// [`Refusal::WrongSize`] if pieces are missing, [`Refusal::WrongCrc`] if the CRC-32 differs from the
-    /// announced one, [`Refusal::BadCalibration`] if the bytes are not a calibration.
+    /// Returns the CRC-32 of a complete and valid calibration, or the reason for a refusal.
     pub(crate) fn finish(&self, record: &Record) -> Result<u32, Refusal> {
         if self.received < self.size {
             return Err(Refusal::WrongSize);

@@ -7,7 +7,6 @@ use shared_proto::{
     Decoder, Event, Framing, Packet, READINGS_FRAME, ReceivedPacket, Sample, Values,
 };
 
-/// Piece size as a serial port delivers it.
 const PIECE: usize = 4096;
 
 fn main() {

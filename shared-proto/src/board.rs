@@ -32,7 +32,7 @@ coded! {
 }
 
 coded! {
-    /// Why the board last started.
+    /// The cause of the board's last start.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
     #[non_exhaustive]
     pub enum ResetCause {
@@ -53,15 +53,14 @@ coded! {
     }
 }
 
-/// The name of a board in commands: the CRC-32 of its serial number.
+/// A board's name in commands: the CRC-32 of its serial number.
 ///
-/// A radio channel serves only a few boards; two given boards share a name with a probability of one in four
-/// thousand million.
+/// Of two given boards, one pair in four thousand million shares a name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct BoardId(u32);
 
 impl BoardId {
-    /// Returns the id of the board with a serial number.
+    /// Returns the name of the board with this serial number.
     pub fn from_serial(serial: &[u8; 12]) -> Self {
         Self(crc32(serial).max(1)) // 0 stands for every board
     }
@@ -94,7 +93,7 @@ pub struct Identity {
 }
 
 impl Identity {
-    /// Returns the name of the board in commands.
+    /// Returns the board's name in commands.
     pub fn id(&self) -> BoardId {
         BoardId::from_serial(&self.serial)
     }
@@ -102,7 +101,7 @@ impl Identity {
 
 fields!(Identity { board, firmware, serial, min_period_us });
 
-/// State of a board. All counts are since the last reset and wrap.
+/// State of a board. Counts are since the last reset and wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Status {
     /// True if the board streams.
@@ -119,7 +118,7 @@ pub struct Status {
     pub period_us: u32,
     /// Conversions averaged for each lit and each dark value.
     pub conversions: u8,
-    /// Time from switching an emitter to converting, in µs.
+    /// Time from switching an emitter to converting, µs.
     pub settling_us: u16,
     /// Time since the reset in s.
     pub uptime_s: u32,

@@ -1,16 +1,15 @@
 //! The calibration that the board converts with, in its format for upload and flash.
 //!
-//! The first byte is the kind. A board refuses an unknown kind: at the begin of the upload if no known kind
-//! has its size, otherwise at the end.
+//! The first byte is the kind. A board refuses an unknown kind when the upload begins if no known
+//! kind has its size, otherwise at the end.
 
 use crate::field::{Bytes, Field, Reader, fields};
 use crate::{AXES, CHANNELS};
 use core::ops::RangeInclusive;
 use crc::{CRC_32_ISO_HDLC, Crc};
 
-/// Returns the CRC-32 of a calibration's bytes (ISO-HDLC, as in zip and PNG).
-///
-/// Computed without a table: it is needed once per upload, and a table would take 1 KiB of flash.
+/// Returns the CRC-32 of a calibration's bytes (ISO-HDLC, as in zip and PNG), without a table,
+/// which would take 1 KiB of flash.
 pub fn crc32(bytes: &[u8]) -> u32 {
     Crc::<u32, crc::NoTable>::new(&CRC_32_ISO_HDLC).checksum(bytes)
 }
@@ -19,9 +18,9 @@ pub fn crc32(bytes: &[u8]) -> u32 {
 #[derive(Clone, Debug, PartialEq)]
 #[expect(clippy::large_enum_variant, reason = "the board has no heap to put one on")]
 pub enum Calibration {
-    /// Powers of the readings; in a linear model the higher coefficients are zero.
+    /// Powers of the readings; a linear model has zeros for the higher coefficients.
     Cubic(Cubic),
-    /// Response curves of the sensors, which are inverted for the wrench.
+    /// Response curves of the sensors, which the board inverts.
     Physics(Physics),
 }
 
@@ -37,7 +36,7 @@ impl Calibration {
         }
     }
 
-    /// Returns whether some kind of calibration has `size` bytes.
+    /// Returns true if a kind of calibration has `size` bytes.
     pub fn is_size(size: usize) -> bool {
         [Cubic::SIZE, Physics::SIZE].contains(&size)
     }
@@ -80,13 +79,13 @@ fn head(kind: u8) -> [u8; 4] {
 /// The bytes of a calibration.
 pub type CalibrationBytes = Bytes<{ Calibration::MAX_SIZE }>;
 
-/// Number of features of the cubic model: z, z², z³ of each channel, channel by channel.
+/// Features of the cubic model: z, z², z³ of each channel, channel by channel.
 pub const FEATURES: usize = 3 * CHANNELS;
 
 /// A model of powers of the readings.
 ///
-/// Every reading r becomes `z = (r - centre) · scale`. The wrench is the sum of z, z², z³ of each channel
-/// times their coefficients, plus the intercept.
+/// Every reading r becomes `z = (r - centre) · scale`. The wrench is the sum of z, z², z³ of each
+/// channel times their coefficients, plus the intercept.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cubic {
     /// Centre of each channel, in counts of a sample's readings.
@@ -100,10 +99,8 @@ pub struct Cubic {
 }
 
 impl Cubic {
-    /// The first byte.
     const KIND: u8 = 1;
 
-    /// Length in bytes.
     const SIZE: usize = 4 + 4 * (2 * CHANNELS + FEATURES * AXES + AXES);
 
     fn is_usable(&self) -> bool {
@@ -115,13 +112,13 @@ impl Cubic {
 
 fields!(Cubic { centre, scale, coefficients, intercept });
 
-/// Numbers in the lower triangle of the prior's precision, row by row.
+/// Numbers in the lower triangle of the prior's precision.
 pub const PRIOR: usize = AXES * (AXES + 1) / 2;
 
 /// Parameters of a sensor: b, a (six), lo, ln h, ln ν.
 const PARAMETERS: usize = AXES + 4;
 
-/// Numbers in the lower triangle of a factor of the parameters' covariance, row by row.
+/// Numbers in the lower triangle of a factor of the parameters' covariance.
 pub const FACTOR: usize = PARAMETERS * (PARAMETERS + 1) / 2;
 
 /// A model of the sensors' response curves.
@@ -144,10 +141,10 @@ pub struct Physics {
     pub sensors: [PhysicsSensor; CHANNELS],
 }
 
-/// One sensor of a [`Physics`]. A sensor whose `per_count` is zero is left out.
+/// One sensor of a [`Physics`]; it is left out if `per_count` is zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PhysicsSensor {
-    /// The reading that is zero on the scale of the curve, in counts of a sample's readings.
+    /// Reading that is zero on the scale of the curve, in counts.
     pub least: f32,
     /// Size of a count on that scale.
     pub per_count: f32,
@@ -166,17 +163,12 @@ pub struct PhysicsSensor {
 }
 
 impl Physics {
-    /// The first byte.
     const KIND: u8 = 2;
 
-    /// Length in bytes.
     const SIZE: usize = 4 + 4 * (AXES + PRIOR + 2 + CHANNELS * PhysicsSensor::NUMBERS);
 
-    /// Returns whether the numbers are in these ranges, which keep the board's computation finite in single
-    /// precision.
-    ///
-    /// The ranges are far wider than any sensor needs: the model's scales make all fitted numbers of order
-    /// one.
+    /// Returns true if the numbers are in these ranges, far wider than any sensor needs, in which
+    /// the board's computation is finite in single precision.
     fn is_usable(&self) -> bool {
         let all = |numbers: &[f32], range: RangeInclusive<f32>| {
             numbers.iter().all(|number| range.contains(number))
@@ -202,7 +194,6 @@ fields!(Physics { wrench_scale, prior, reading_variance, displacement_variance, 
 fields!(PhysicsSensor { least, per_count, offset, gains, low, height, shape, factor });
 
 impl PhysicsSensor {
-    /// Numbers per sensor.
     const NUMBERS: usize = 2 + PARAMETERS + FACTOR;
 }
 
@@ -297,7 +288,6 @@ mod tests {
             Calibration::from_bytes(&Calibration::Physics(physics).to_bytes())
         };
         assert!(change(&|_| ()).is_some());
-        // A sensor that is left out.
         assert!(change(&|it| it.sensors[3].per_count = 0.0).is_some());
         assert_eq!(change(&|it| it.wrench_scale[0] = 0.0), None);
         assert_eq!(change(&|it| it.prior[20] = 1e13), None);

@@ -21,14 +21,13 @@ impl Framing {
         [Framing::Cobs, Framing::Xbee(Mode::Plain), Framing::Xbee(Mode::Escaped)];
 }
 
-/// A decoded item.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 #[expect(missing_docs, reason = "a variant says what its fields are")]
 pub enum Event {
     /// A valid packet.
     Packet(ReceivedPacket),
-    /// A valid packet of another version of the protocol; a board answers a command with its own version.
+    /// A packet of another version; a board answers a command with its own version.
     OtherVersion { version: u8, command: bool },
 }
 
@@ -45,19 +44,18 @@ pub struct Counters {
     pub bad_api_frames: u64,
     /// Valid packets of another version.
     pub unknown_version: u64,
-    /// Valid packets of a kind that this version does not define.
+    /// Valid packets of an unknown kind.
     pub unknown_kind: u64,
 }
 
-/// Decodes bytes to packets and counts damage.
-///
-/// A damaged frame never affects others: even if the delimiter is damaged, the next frame is found.
+/// Decodes bytes to packets and counts damage, which never affects other frames: even after a
+/// damaged delimiter, the next frame is found.
 #[derive(Clone, Debug)]
 pub struct Decoder {
     deframer: Option<Deframer>,
     /// An incomplete frame, or as much of its tail as a frame can have.
     partial: Bytes<{ 2 * MAX_FRAME }>,
-    /// True if a delimiter was seen: bytes before the first one are the end of a frame that began earlier.
+    /// True after the first delimiter; bytes before it belong to an earlier frame.
     synchronised: bool,
     /// Counts of received packets and of damage.
     pub counters: Counters,
@@ -88,7 +86,6 @@ impl Decoder {
         self.deframer = Some(deframer);
     }
 
-    /// Decodes a piece of the stream of frames.
     fn feed_frames(&mut self, mut bytes: &[u8], sink: &mut impl FnMut(Event)) {
         while let Some(end) = bytes.iter().position(|&byte| byte == 0) {
             self.keep(&bytes[..end]);
@@ -100,8 +97,7 @@ impl Decoder {
         self.keep(bytes);
     }
 
-    /// Appends to the partial frame. If it exceeds the length of a valid frame, its end is kept, which may
-    /// hold another frame.
+    /// Appends to the partial frame. Too long, only its end is kept: it may hold another frame.
     fn keep(&mut self, bytes: &[u8]) {
         if !self.partial.try_extend(bytes) {
             let tail = &bytes[bytes.len().saturating_sub(MAX_FRAME)..];
@@ -111,7 +107,6 @@ impl Decoder {
         }
     }
 
-    /// Decodes the bytes between two delimiters.
     fn take(&mut self, frame: &[u8], sink: &mut impl FnMut(Event)) {
         if frame.is_empty() {
             return;
@@ -143,8 +138,7 @@ impl Decoder {
     }
 }
 
-/// Returns the packet at the end of a piece that is not a packet as a whole: after a damaged delimiter, the
-/// next frame is there intact.
+/// Returns the packet at the end of a piece: the next frame is intact after a damaged delimiter.
 fn last_packet(piece: &[u8]) -> Option<ReceivedPacket> {
     let tail = &piece[piece.len().saturating_sub(MAX_FRAME)..];
     (0..tail.len())
@@ -189,11 +183,10 @@ impl Protocol {
     }
 }
 
-/// Returns the protocol that fits `bytes` best, `None` if none finds a frame.
+/// Returns the protocol that fits `bytes` best, `None` without a frame; a second is plenty.
 ///
-/// Frames inside API frames look like COBS with damage in between, so damage counts against the frames found.
-/// In a tie the simpler protocol wins, since escapes may not have occurred yet. A second of a stream is
-/// plenty.
+/// Frames inside API frames look like COBS with damage in between, so damage counts against frames.
+/// In a tie the simpler protocol wins, since there may be no escapes yet.
 pub fn detect(bytes: &[u8]) -> Option<Protocol> {
     let protocols = Framing::ALL.into_iter().map(Protocol::Packets).chain([Protocol::Original]);
     protocols

@@ -1,12 +1,11 @@
-//! Fields of a packet in wire format (numbers are little-endian, without padding), and byte strings of
-//! bounded length in which packets are assembled.
+//! Fields of a packet in wire format (little-endian, no padding), and bounded byte strings.
 
 use core::ops::Deref;
 
 /// Up to `N` bytes, stored inline; `N` is at most 65,535.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Bytes<const N: usize> {
-    /// Zeros after the first `len` bytes.
+    /// Zeros after `len`.
     bytes: [u8; N],
     len: u16,
 }
@@ -24,7 +23,6 @@ impl<const N: usize> Bytes<N> {
         copy.try_extend(slice).then_some(copy)
     }
 
-    /// Appends one byte if there is room.
     pub(crate) fn push(&mut self, byte: u8) {
         self.extend(&[byte]);
     }
@@ -34,7 +32,7 @@ impl<const N: usize> Bytes<N> {
         self.try_extend(slice);
     }
 
-    /// Appends a slice; returns false and changes nothing if there is no room for all of it.
+    /// Appends a slice, or returns false if there is no room for all of it.
     pub(crate) fn try_extend(&mut self, slice: &[u8]) -> bool {
         let len = usize::from(self.len);
         let Some(room) = self.bytes.get_mut(len..len + slice.len()) else { return false };
@@ -43,7 +41,6 @@ impl<const N: usize> Bytes<N> {
         true
     }
 
-    /// Removes the first `count` bytes, or all of them.
     pub(crate) fn remove_front(&mut self, count: usize) {
         let len = usize::from(self.len);
         let count = count.min(len);
@@ -74,14 +71,11 @@ impl<const N: usize> Deref for Bytes<N> {
 }
 
 pub(crate) trait Field: Sized {
-    /// Appends the field to a packet.
     fn write<const N: usize>(&self, out: &mut Bytes<N>);
 
-    /// Reads the field from the front; `None` if there are too few bytes.
     fn read(body: &mut Reader<'_>) -> Option<Self>;
 }
 
-/// Takes fields off the front of a slice.
 pub(crate) struct Reader<'a>(pub(crate) &'a [u8]);
 
 impl<'a> Reader<'a> {
@@ -91,12 +85,10 @@ impl<'a> Reader<'a> {
         Some(*field)
     }
 
-    /// Reads the next field.
     pub(crate) fn get<F: Field>(&mut self) -> Option<F> {
         F::read(self)
     }
 
-    /// Returns `value` if no bytes are left.
     pub(crate) fn end<T>(self, value: T) -> Option<T> {
         self.0.is_empty().then_some(value)
     }
@@ -123,7 +115,7 @@ impl<F: Field + Copy + Default, const K: usize> Field for [F; K] {
         self.iter().for_each(|field| field.write(out));
     }
 
-    // Keeps loops over a calibration's numbers from being unrolled into a board's flash.
+    // Not unrolled, to save flash for loops over a calibration's numbers.
     #[cfg_attr(target_os = "none", inline(never))]
     fn read(body: &mut Reader<'_>) -> Option<Self> {
         let mut fields = [F::default(); K];
@@ -134,7 +126,7 @@ impl<F: Field + Copy + Default, const K: usize> Field for [F; K] {
     }
 }
 
-/// The rest of the packet; reading fails if it is too long.
+/// The remaining bytes; reading fails if there are too many.
 impl<const K: usize> Field for Bytes<K> {
     fn write<const N: usize>(&self, out: &mut Bytes<N>) {
         out.extend(self);
@@ -160,9 +152,8 @@ macro_rules! fields {
     };
 }
 
-/// Defines an enum that is a field: the code of the variant, a byte, followed by the variant's fields in this
-/// order. An unknown code becomes the last variant, so that the known part of a newer version's packets can
-/// be read.
+/// Defines an enum that is a field: the variant's code, a byte, and its fields in this order. An
+/// unknown code becomes the last variant, so that newer packets can be read in part.
 macro_rules! coded {
     ($(#[$of_enum:meta])* pub enum $name:ident {
         $($(#[$of_variant:meta])* $variant:ident $(($value:ident: $type:ty))?

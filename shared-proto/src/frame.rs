@@ -1,19 +1,18 @@
 //! Framing of packets: a mask that avoids certain bytes, and COBS with a zero delimiter.
 //!
-//! COBS (Cheshire and Baker, "Consistent Overhead Byte Stuffing", IEEE/ACM Transactions on Networking 7(2),
-//! 1999) removes the zeros from a packet at the cost of one byte, so that a zero always marks the end of a
-//! frame.
+//! COBS (Cheshire and Baker, "Consistent Overhead Byte Stuffing", IEEE/ACM Transactions on
+//! Networking 7(2), 1999) removes a packet's zeros for one byte, so that a zero ends a frame.
 //!
-//! Escaped XBee API mode spends a second byte on each of four byte values. The first byte of a packet is a
-//! mask that is XORed into all other bytes except the CRC. It is chosen so that the frame contains none of
-//! the four values, which makes the length on the wire independent of the readings. The CRC covers the bytes
-//! as sent, so it covers the mask and depends on it. Each byte rules out at most five of the 256 masks (those
-//! that turn it into one of the four values or into zero), so a mask exists for packets of up to 51 bytes.
-//! For a sample, at least a hundred masks remain; the two CRC bytes rule out one in thirty of them.
+//! Escaped XBee API mode spends a second byte on each of four values. The first byte of a packet is
+//! a mask that is XORed into all other bytes except the CRC, so that the frame contains none of the
+//! four and its length does not depend on the readings. The CRC covers the bytes as sent, with the
+//! mask. Each byte rules out at most five of the 256 masks (those that turn it into one of the four
+//! values or into zero), so a mask exists for packets of up to 51 bytes. For a sample, at least a
+//! hundred masks remain; the two CRC bytes rule out one in thirty of them.
 
 use crate::field::Bytes;
 
-/// Why bytes are not a packet of this version.
+/// The reason why bytes are no packet of this version.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 #[expect(missing_docs, reason = "a variant says what its fields are")]
@@ -22,16 +21,15 @@ pub enum DecodeError {
     Framing,
     /// The CRC does not match.
     Crc,
-    /// The CRC matches, but the version is another one. Kinds differ between versions, except that of a
-    /// command.
+    /// The version differs; so do its kinds, except that of a command.
     UnknownVersion { version: u8, kind: u8 },
-    /// CRC and version match, but the kind is unknown.
+    /// CRC and version match.
     UnknownKind(u8),
-    /// The CRC matches and the kind is known, but the body does not match it.
+    /// CRC and kind are right, but the body does not match the kind.
     Body,
 }
 
-/// Longest packet in bytes, including mask and CRC: the longest for which a mask always exists.
+/// Longest packet in bytes, with mask and CRC: the longest for which a mask always exists.
 pub const MAX_PACKET: usize = 51;
 
 /// Longest frame in bytes: a packet, the COBS code and the delimiter.
@@ -40,21 +38,21 @@ pub const MAX_FRAME: usize = MAX_PACKET + 2;
 /// An encoded packet: COBS and the zero at the end.
 pub type Frame = Bytes<MAX_FRAME>;
 
-/// A packet whose first byte is the mask; zero while the packet is plain.
+/// A packet whose first byte is the mask, or zero without a mask.
 pub(crate) type Plain = Bytes<MAX_PACKET>;
 
-/// The bytes that escaped API mode escapes: start, escape, XON and XOFF.
+/// Bytes that escaped API mode escapes: start, escape, XON and XOFF.
 pub(crate) const fn is_escaped(byte: u8) -> bool {
     matches!(byte, 0x7E | 0x7D | 0x11 | 0x13)
 }
 
-/// Masks a plain packet, appends the CRC of the masked bytes, and frames both.
+/// Masks a plain packet, appends the CRC, and frames both.
 pub(crate) fn encode(packet: Plain, crc: impl Fn(&[u8]) -> u16) -> Frame {
     let masks = (0..=255).filter(|&mask| last_code(&packet, mask).is_some());
     let mut tries = masks.map(|mask| masked(packet, mask, &crc));
     let is_good = |packet: &Plain| last_code(packet, 0).is_some_and(|code| !is_escaped(code));
-    // A packet of 16 or 18 bytes has no such mask if its COBS code is one of the four values. No sample has
-    // that length, and one more escape does no harm elsewhere.
+    // A packet of 16 or 18 bytes has no such mask if its COBS code is one of the four values. No
+    // sample has that length, and one more escape does no harm.
     let first = tries.next().unwrap_or_else(|| masked(packet, 0, &crc));
     let packet = [first].into_iter().chain(tries).find(is_good).unwrap_or(first);
     cobs(&packet)
@@ -67,8 +65,7 @@ fn masked(mut packet: Plain, mask: u8, crc: impl Fn(&[u8]) -> u16) -> Plain {
     packet
 }
 
-/// Returns the COBS code that is open at the end of a packet with this mask; `None` if a byte before it needs
-/// an escape.
+/// Returns the COBS code that is open at the packet's end, unless a byte before it needs an escape.
 fn last_code(packet: &[u8], mask: u8) -> Option<u8> {
     let mut code = 1;
     for byte in packet {
@@ -83,8 +80,7 @@ fn last_code(packet: &[u8], mask: u8) -> Option<u8> {
 
 fn cobs(packet: &[u8]) -> Frame {
     let mut frame = Frame::new();
-    // One block per zero, as if another zero followed the packet. No block reaches the 254 bytes that would
-    // need a block without a zero.
+    // One block per zero, as if another followed; none reaches the 254 bytes that need no zero.
     for block in packet.split(|&byte| byte == 0) {
         frame.push(block.len() as u8 + 1);
         frame.extend(block);
@@ -93,7 +89,7 @@ fn cobs(packet: &[u8]) -> Frame {
     frame
 }
 
-/// Returns the packet, still masked, in a frame that is given without its delimiter.
+/// Returns the packet, still masked, in a frame without its delimiter.
 pub(crate) fn decode(frame: &[u8]) -> Result<Plain, DecodeError> {
     // Every byte after the first code is in place; the other codes replace zeros.
     let (&code, bytes) = frame.split_first().ok_or(DecodeError::Framing)?;
@@ -124,7 +120,6 @@ mod tests {
     use proptest::prelude::*;
     use std::vec::Vec;
 
-    /// An arbitrary function of all bytes.
     fn crc(bytes: &[u8]) -> u16 {
         bytes.iter().fold(0xFFFF, |sum, &byte| sum.rotate_left(3) ^ u16::from(byte))
     }
@@ -151,7 +146,6 @@ mod tests {
             prop_assert_eq!(&unmasked[..], &packet[..]);
         }
 
-        // The cobs crate is an independent implementation.
         #[test]
         fn framing_is_cobs(content in prop::collection::vec(0..4_u8, 1..MAX_PACKET)) {
             let ours = cobs(&content);

@@ -1,9 +1,9 @@
 //! The wire protocol between the SkinProc board and `shellcal`, used by both ends.
 //!
-//! A [`Packet`] travels as a [`Frame`]: COBS with a zero delimiter. Over a transparent XBee the frames are
-//! the byte stream; in API mode they are the data of [`xbee`] frames. In both cases a [`Decoder`] turns
-//! bytes, in slices of any size, back into packets and counts damage. This crate's README describes the
-//! layout byte by byte; the literal bytes in `tests/it/golden.rs` pin it.
+//! A [`Packet`] travels as a [`Frame`]: COBS with a zero delimiter. Over a transparent XBee the
+//! frames are the byte stream; in API mode they are the data of [`xbee`] frames. A [`Decoder`]
+//! turns bytes back into packets and counts damage. The README has the layout byte by byte;
+//! `tests/it/golden.rs` pins it.
 //!
 //! ```
 //! use shared_proto::{Decoder, Event, Framing, PacketOrigin, Packet, ReceivedPacket, Sample, Values};
@@ -27,9 +27,8 @@
 //! assert_eq!(packets, [Event::Packet(received)]);
 //! ```
 //!
-//! The crate does no input or output, allocates nothing and never panics on its input. The caller decides how
-//! to handle a loss (ask again, mark a gap). The byte protocol of the original SkinProc board is in
-//! [`skinproc`].
+//! The crate does no input or output, allocates nothing and never panics on its input. The byte
+//! protocol of the original SkinProc board is in [`skinproc`].
 #![no_std]
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]

@@ -1,4 +1,4 @@
-//! The packets: content and layout of each kind.
+//! Content and layout of each kind of packet.
 
 use crate::board::{Board, BoardId, ResetCause};
 use crate::command::{Answer, Command};
@@ -10,23 +10,21 @@ use crc::{CRC_16_M17, Crc};
 /// Version of the protocol: the upper four bits of every header.
 pub const VERSION: u8 = 3;
 
-/// The previous version, which is still read. Its packets, as those of version 1, do not name their origin,
-/// and their CRC does not cover the mask.
+/// The previous version, still read. Like version 1, its packets do not name their origin, and
+/// their CRC does not cover the mask.
 const VERSION_2: u8 = 2;
 
-/// Steps of a reading per step of the board's 12-bit converter.
-///
-/// A reading is a mean of conversions with four fractional bits, independent of the oversampling, so a
-/// calibration is valid for every oversampling.
+/// Steps of a reading per step of the board's 12-bit converter: means with four fractional bits, so
+/// that a calibration is valid for every oversampling.
 pub const COUNTS_PER_LSB: u16 = 16;
 
-/// CRC-16/M17, polynomial 0x5935: detects every error of up to four bits in up to 241 bits of content (P.
-/// Koopman, "Best CRC Polynomials", 16 bits, HD=5); a packet of readings has 240. The common 0x1021 detects
-/// up to three.
+/// CRC-16/M17, polynomial 0x5935: detects every error of up to four bits in up to 241 bits of
+/// content (P. Koopman, "Best CRC Polynomials", 16 bits, HD=5); a packet of readings has 240.
+/// 0x1021 detects three.
 static CRC: Crc<u16> = Crc::<u16>::new(&CRC_16_M17);
 
-/// Kinds of packet, the lower four bits of the header. Values that would make the header one of the escaped
-/// bytes in versions 1 and 7 are not used: they would always need a mask.
+/// Kinds of packet, the lower four bits of the header. Unused values would make the header an
+/// escaped byte in versions 1 and 7, and always need a mask.
 const SAMPLE_READINGS: u8 = 0x4;
 const SAMPLE_WRENCH: u8 = 0x5;
 const HEALTH: u8 = 0x6;
@@ -45,15 +43,15 @@ pub enum Packet {
     Health(Health),
     /// An edge at the sync input.
     Edge(Edge),
-    /// A command from the host, for one board or, if `None`, for every board. The answer repeats the number.
+    /// A command for one board or, if `None`, for every board; the answer repeats the number.
     Command { number: u16, to: Option<BoardId>, command: Command },
-    /// The board's answer to the command with this number.
+    /// The answer to the command with this number.
     Answer { number: u16, answer: Answer },
-    /// The board has started.
+    /// A start of the board.
     Boot(Boot),
 }
 
-/// The board that sent a packet, and the run in which it did.
+/// The board that sent a packet, and its run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct PacketOrigin {
     /// See [`BoardId::short`].
@@ -95,12 +93,11 @@ pub enum Values {
     Wrench([f32; AXES]),
 }
 
-/// A rising edge at the board's sync input. Another recorder sees the same signal, so that its clock and the
-/// board's can be compared.
+/// A rising edge at the board's sync input, by which another recorder's clock can be compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Edge {
-    /// Number of edges that the board has seen since its reset, including those that it did not send; wraps.
-    /// A gap means edges that came faster than the line can carry, or that were lost on the way.
+    /// Edges since the board's reset, including those not sent; wraps. A gap means edges that came
+    /// faster than the line can carry, or were lost.
     pub number: u16,
     /// The board's clock at the edge, in µs, as in samples.
     pub clock_us: u32,
@@ -117,20 +114,20 @@ pub struct Boot {
     pub cause: ResetCause,
 }
 
-/// Length in bytes of a sample of readings on the wire, for any values: mask, header, sequence number,
-/// origin, clock, readings, saturation, dropped and CRC, plus a COBS code and the delimiter.
+/// Length of a sample of readings on the wire, in bytes: mask, header, sequence number, origin,
+/// clock, readings, saturation, dropped and CRC, plus a COBS code and the delimiter.
 pub const READINGS_FRAME: usize = 16 + 2 * CHANNELS + 2;
 
-/// Length in bytes of a sample with a wrench on the wire.
+/// Length of a sample with a wrench on the wire, in bytes.
 pub const WRENCH_FRAME: usize = 16 + 4 * AXES + 2;
 
 impl Packet {
-    /// Encodes the packet as a frame, including the delimiter, with a default origin.
+    /// Encodes the packet with its delimiter and a default origin.
     pub fn encode(&self) -> Frame {
         self.encode_from(PacketOrigin::default())
     }
 
-    /// Encodes the packet as a frame of a board, including the delimiter. A command has no origin.
+    /// Encodes the packet of a board with its delimiter; a command has no origin.
     pub fn encode_from(&self, origin: PacketOrigin) -> Frame {
         let (kind, number) = match self {
             Self::Sample(Sample { sequence, values: Values::Readings(_), .. }) => {
@@ -164,10 +161,10 @@ impl Packet {
         frame::encode(packet, |masked| CRC.checksum(masked))
     }
 
-    /// Decodes a frame that is given without its delimiter.
+    /// Decodes a frame without its delimiter.
     ///
     /// # Errors
-    /// [`DecodeError`] if the bytes are not a frame, are damaged, or are of another version.
+    /// [`DecodeError`] if the bytes are no frame, damaged, or of another version.
     pub fn decode(frame: &[u8]) -> Result<ReceivedPacket, DecodeError> {
         let wire = frame::decode(frame)?;
         let Some((masked, crc)) = wire.split_last_chunk() else { return Err(DecodeError::Framing) };
@@ -243,8 +240,7 @@ impl Sample {
 
 /// Times of a frame's readings, relative to the time of its sample.
 ///
-/// A board has one converter and reads its channels one after the other. The time of a reading is the middle
-/// of its lit conversions.
+/// Channels are read one after the other, at the middle of their lit conversions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Timing {
     /// From the start of the frame to the first channel's reading, in µs.
@@ -253,7 +249,7 @@ pub struct Timing {
     pub step_us: u16,
 }
 
-/// Temperature and supply of a board, as far as the board measures them.
+/// Temperature and supply, as far as the board measures them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Vitals {
     /// Temperature of the chip in hundredths of a degree Celsius.
@@ -264,8 +260,7 @@ pub struct Vitals {
     pub reference: Option<u16>,
 }
 
-/// A report that precedes the first sample of a stream and the first with other settings, and comes once a
-/// second.
+/// A report once a second, and before the first sample of a stream or with other settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Health {
     /// Sequence number of the next sample.
@@ -282,7 +277,6 @@ pub struct Health {
 
 fields!(Timing { first_us, step_us });
 
-/// Code of an unknown temperature.
 const NO_TEMPERATURE: i16 = i16::MIN;
 
 impl Field for Vitals {

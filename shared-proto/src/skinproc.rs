@@ -1,9 +1,9 @@
 //! The byte protocol of the original SkinProc board, for reading an existing robot.
 //!
-//! An answer is the letter of its mode, a payload length (255: more follows) and the payload. A scan is `E`,
-//! 20, eight little-endian 16-bit readings of a 12-bit converter and the time in µs, 32 bits, little-endian.
-//! The protocol has no delimiter, no sequence number and no checksum. A decoder can only check the letter and
-//! the length, that readings have twelve bits, and that another answer follows.
+//! An answer is the letter of its mode, a payload length (255: more follows) and the payload. A
+//! scan is `E`, 20, eight little-endian 16-bit readings of a 12-bit converter and the time in µs,
+//! 32 bits, little-endian. Without delimiter, sequence number and checksum, a decoder can only
+//! check letter and length, the twelve bits of readings, and that another answer follows.
 
 use crate::CHANNELS;
 use crate::field::{Bytes, Reader};
@@ -48,11 +48,10 @@ pub fn decode_scan(payload: &[u8]) -> Option<Scan> {
     rest.end(Scan { readings, clock_us }).filter(|_| is_scan)
 }
 
-/// Decodes a byte stream to scans.
+/// Decodes a byte stream to scans, and skips other answers.
 ///
-/// A scan is emitted when the next byte has arrived, which must begin another answer, unless the scan's clock
-/// follows the previous one: without a checksum, a lost byte in a scan only shows in the bytes after it.
-/// Answers to other commands are skipped.
+/// A scan is emitted when its clock follows the previous one, or when the next byte begins another
+/// answer: without a checksum, a lost byte only shows in the bytes after it.
 #[derive(Clone, Debug, Default)]
 pub struct Decoder {
     /// A scan and the byte after it.
@@ -65,7 +64,7 @@ pub struct Decoder {
 }
 
 impl Decoder {
-    /// Longest step of the clock between scans that confirms a scan, in µs.
+    /// Longest step of the clock that confirms a scan, µs.
     const PLAUSIBLE_STEP_US: u32 = 1_000_000;
 
     /// Creates a decoder.
@@ -119,7 +118,6 @@ impl Decoder {
     }
 }
 
-/// Returns whether an answer can begin with this byte.
 fn is_letter(byte: u8) -> bool {
     matches!(byte, b'A'..=b'G' | b'S' | b'T' | b'Z')
 }
@@ -185,8 +183,7 @@ mod tests {
             cut.remove(lost);
             let (scans, _) = decoded(&cut, 7);
             let expected: Vec<_> = [0, 1, 3, 4].map(scan).into();
-            // A byte may be lost next to an equal one, which leaves no trace within the scan; the
-            // neighbouring scans are intact in any case.
+            // A byte lost next to an equal one leaves no trace; the neighbours are intact.
             assert!(expected.iter().all(|scan| scans.contains(scan)), "{lost}");
         }
     }

@@ -9,14 +9,14 @@
 use crate::field::{Bytes, Reader};
 use crate::frame::is_escaped;
 
-/// Maximum number of data bytes in one radio packet of an 802.15.4 XBee.
+/// Maximum data bytes in one radio packet of an 802.15.4 XBee.
 pub const MAX_PAYLOAD: usize = 100;
 
 const START: u8 = 0x7E;
 const ESCAPE: u8 = 0x7D;
 const ESCAPED_BY: u8 = 0x20;
 
-/// An encoded frame; in the worst case every byte but the start is escaped.
+/// An encoded frame; at worst, every byte but the start is escaped.
 pub type Encoded = Bytes<{ 1 + 2 * (2 + 14 + MAX_PAYLOAD + 1) }>;
 
 /// The module's API mode (parameter AP).
@@ -28,7 +28,6 @@ pub enum Mode {
     Escaped,
 }
 
-/// A module's address.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[expect(missing_docs, reason = "a variant says what its fields are")]
 pub enum Address {
@@ -45,16 +44,15 @@ pub enum Address {
 #[non_exhaustive]
 #[expect(missing_docs, reason = "a variant says what its fields are")]
 pub enum ApiFrame<'a> {
-    /// Data to the other side, at most [`MAX_PAYLOAD`] bytes: 0x00, 0x01 or 0x10, depending on the address.
-    /// The status repeats the id; 0 requests no status.
+    /// Data to the other side, at most [`MAX_PAYLOAD`] bytes: 0x00, 0x01 or 0x10, by address. The
+    /// status repeats the id; 0 requests none.
     Transmit { id: u8, to: Address, payload: &'a [u8] },
-    /// Data from the other side: 0x80, 0x81 or 0x90, depending on the address. Signal strength in −dBm, which
-    /// Zigbee does not report.
+    /// Data from the other side: 0x80, 0x81 or 0x90, by address. Zigbee lacks `rssi`, in −dBm.
     Receive { from: Address, rssi: Option<u8>, payload: &'a [u8] },
 }
 
 impl<'a> ApiFrame<'a> {
-    /// Parses the bytes between length and checksum; `None` if the frame is of another kind or too short.
+    /// Parses the bytes between length and checksum; `None` for another kind or too few bytes.
     pub fn parse(data: &'a [u8]) -> Option<Self> {
         let mut rest = Reader(data);
         let kind: u8 = rest.get()?;
@@ -121,7 +119,6 @@ impl<'a> ApiFrame<'a> {
 }
 
 impl Address {
-    /// Reads the address in a frame of this kind.
     fn read(kind: u8, rest: &mut Reader<'_>) -> Option<Self> {
         let mut long = || rest.array().map(u64::from_be_bytes);
         Some(match kind {
@@ -131,7 +128,6 @@ impl Address {
         })
     }
 
-    /// Returns the kinds of frame to transmit to such an address and to receive from it.
     const fn kinds(self) -> (u8, u8) {
         match self {
             Self::Long(_) => (0x00, 0x80),
@@ -152,26 +148,24 @@ impl Address {
     }
 }
 
-/// Maximum number of bytes between length and checksum that the decoder follows. The longest frame with a
-/// payload has 14 bytes of header; the rest is room for other kinds.
+/// Maximum bytes between length and checksum: 14 of header, a payload, and room for other kinds.
 const MAX_DATA: usize = 128;
 
-/// Start, length, data, checksum.
 const MAX_RAW: usize = MAX_DATA + 4;
 
 /// Decodes a byte stream to API frames.
 ///
-/// Without escapes a start byte can occur anywhere. So after a damaged frame, its bytes are searched again
-/// for the next start, in case a wrong length swallowed it. A frame with a start byte in its data might be
-/// two frames, the first with a wrong length; it is accepted only if another start follows.
+/// Without escapes a start byte can occur anywhere. So the bytes of a damaged frame are searched
+/// for the next start, in case a wrong length swallowed it. A frame with a start byte in its data
+/// might be two, the first with a wrong length; it is accepted only if another start follows.
 #[derive(Clone, Debug)]
 pub struct Deframer {
     mode: Mode,
-    /// Unescaped bytes from a start byte on; empty before the first start.
+    /// Unescaped bytes from a start byte on.
     pending: Bytes<{ MAX_RAW + 1 }>,
-    /// Bytes at the front of `pending` that belong to a frame already counted as damaged.
+    /// Bytes of `pending` that belong to a frame already counted as damaged.
     condemned: usize,
-    /// True if bytes outside a frame stem from damage already counted, or from before the first frame.
+    /// True within damage already counted, or before the first frame.
     skipping: bool,
     escape: bool,
     /// Frames with a wrong start, length or checksum, or cut short.
@@ -255,7 +249,6 @@ enum Deframed<'a> {
     Damaged { len: usize },
 }
 
-/// Classifies the frame that begins at the front of `bytes`.
 fn progress(bytes: &[u8]) -> Deframed<'_> {
     let [_, high, low, rest @ ..] = bytes else { return Deframed::Incomplete };
     let len = usize::from(u16::from_be_bytes([*high, *low]));
@@ -269,8 +262,8 @@ fn progress(bytes: &[u8]) -> Deframed<'_> {
     }
 }
 
-/// Returns the data of a valid frame at the front of `bytes` that reads the same in both modes, and the bytes
-/// after it. Most frames qualify, and this takes a quarter of the time of decoding byte by byte.
+/// Returns the data of a valid frame that reads the same in both modes, and the bytes after it.
+/// Most frames qualify, in a quarter of the time of decoding byte by byte.
 fn whole_frame(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
     let Deframed::Whole(data) = progress(bytes) else { return None };
     let (frame, after) = bytes.split_at_checked(data.len() + 4)?;
@@ -280,7 +273,7 @@ fn whole_frame(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
 }
 
 fn give(data: &[u8], sink: &mut impl FnMut(ApiFrame<'_>)) {
-    // A frame of another kind, or too short for its kind, is not damage, but has no content to read.
+    // Another kind of frame, or a short one, is not damage, but has no content to read.
     ApiFrame::parse(data).into_iter().for_each(sink);
 }
 

@@ -1,10 +1,7 @@
-//! A headless Chromium, driven over its DevTools protocol.
+//! A headless Chromium, driven over its DevTools protocol; errors are panics.
 //!
-//! The protocol uses a pair of pipes (`--remote-debugging-pipe`): JSON documents, each terminated by a zero
-//! byte, to descriptor 3 and from descriptor 4 of the browser. A shell sets them up, so that neither a port
-//! nor a library is needed.
-//!
-//! For tests: errors are panics with a description.
+//! A shell sets up a pair of pipes (`--remote-debugging-pipe`) for JSON documents, each terminated
+//! by a zero byte, to descriptor 3 and from descriptor 4. That needs neither port nor library.
 #![expect(clippy::unwrap_used, reason = "a test may panic and say why")]
 
 use std::io::{BufRead, BufReader, Write};
@@ -16,10 +13,9 @@ use serde_json::{Value, json};
 
 use crate::program::Running;
 
-/// Timeout, which says nothing about the expected duration.
+/// Says nothing about the expected duration.
 const PATIENCE: Duration = Duration::from_secs(300);
 
-/// A browser with one page.
 #[derive(Debug)]
 pub struct Browser {
     _process: Running,
@@ -35,7 +31,7 @@ impl Browser {
     /// Starts a browser with a page of this size in CSS pixels, as on a phone if `mobile`.
     pub fn start(chromium: &str, [width, height]: [u32; 2], mobile: bool) -> Self {
         let profile = tempfile::tempdir().unwrap();
-        // Tests run as the current user, possibly in a container that does not allow a sandbox.
+        // A container may not allow a sandbox.
         let command = "exec \"$0\" --headless --no-sandbox --disable-gpu --disable-dev-shm-usage \
              --remote-debugging-pipe --user-data-dir=\"$1\" 3<&0 4>&1 0</dev/null 1>/dev/null";
         let mut process = Command::new("sh")
@@ -69,23 +65,21 @@ impl Browser {
         browser
     }
 
-    /// Prefers dark pages, from the next page on.
+    /// From the next page on.
     pub fn prefer_dark(&mut self) {
         let features = json!([{ "name": "prefers-color-scheme", "value": "dark" }]);
         self.call("Emulation.setEmulatedMedia", json!({ "features": features }));
     }
 
-    /// Runs a script in every page from now on, before the page's scripts.
+    /// Runs a script in every page from now on, before its own.
     pub fn run_first(&mut self, script: &str) {
         self.call("Page.addScriptToEvaluateOnNewDocument", json!({ "source": script }));
     }
 
-    /// Opens a file and waits until it is loaded.
     pub fn open(&mut self, path: &Path) {
         self.visit(&format!("file://{}", path.canonicalize().unwrap().display()));
     }
 
-    /// Opens an address and waits until it is loaded.
     pub fn visit(&mut self, url: &str) {
         self.call("Page.navigate", json!({ "url": url }));
         self.wait_for("document.readyState === 'complete'");
@@ -102,7 +96,6 @@ impl Browser {
         answer["result"]["value"].clone()
     }
 
-    /// Waits until an expression is true on the page.
     pub fn wait_for(&mut self, expression: &str) {
         let deadline = Instant::now() + PATIENCE;
         while self.evaluate(expression) != Value::Bool(true) {
@@ -114,15 +107,14 @@ impl Browser {
         }
     }
 
-    /// Waits until the page's present state has been painted.
     fn wait_for_frame(&mut self) {
         self.evaluate("new Promise((painted) => requestAnimationFrame(() => requestAnimationFrame(() => painted(0))))");
     }
 
     /// Clicks in the middle of the element that an expression returns.
     ///
-    /// Repeats the click until the element receives it: a browser looks up the target in the last frame that
-    /// it painted, and may drop input.
+    /// Repeats the click until the element receives it: a browser looks up the target in the last
+    /// frame painted, and may drop input.
     pub fn click(&mut self, element: &str) {
         let deadline = Instant::now() + PATIENCE;
         self.evaluate(&format!(
@@ -146,7 +138,6 @@ impl Browser {
         }
     }
 
-    /// Selects files in the input that an expression returns.
     pub fn choose(&mut self, input: &str, files: &[PathBuf]) {
         let found = self.call("Runtime.evaluate", json!({ "expression": input }));
         let object = &found["result"]["objectId"];
@@ -155,8 +146,6 @@ impl Browser {
         self.call("DOM.setFileInputFiles", json!({ "files": files, "objectId": object }));
     }
 
-    /// Clicks the element that an expression returns, and returns the bytes of the download, which is called
-    /// `name`.
     pub fn save(&mut self, element: &str, name: &str) -> Vec<u8> {
         let folder = tempfile::tempdir().unwrap();
         let allow = json!({ "behavior": "allow", "downloadPath": folder.path() });
@@ -171,7 +160,7 @@ impl Browser {
         std::fs::read(file).unwrap()
     }
 
-    /// Presses and releases a key: "Tab", "Enter", " ".
+    /// "Tab", "Enter", " ".
     pub fn press(&mut self, key: &str) {
         let code = match key {
             "Tab" => 9,
@@ -193,21 +182,20 @@ impl Browser {
         }
     }
 
-    /// Returns the whole page as PNG, in base64.
+    /// PNG of the whole page, in base64.
     pub fn screenshot(&mut self) -> String {
         let wanted = json!({ "captureBeyondViewport": true, "format": "png" });
         self.call("Page.captureScreenshot", wanted)["data"].as_str().unwrap().to_owned()
     }
 
-    /// Returns the printed page: PDF, in base64.
+    /// PDF, in base64.
     pub fn print(&mut self) -> String {
         let wanted = json!({ "paperWidth": 8.27, "paperHeight": 11.69 });
         self.call("Page.printToPDF", wanted)["data"].as_str().unwrap().to_owned()
     }
 
-    /// Returns the page's complaints so far: errors, warnings of the console, exceptions.
+    /// Returns errors, warnings of the console, and exceptions so far.
     pub fn complaints(&mut self) -> Vec<String> {
-        // The answer arrives after all earlier messages.
         self.evaluate("0");
         let told = |event: &&Value| {
             let parameters = &event["params"];
@@ -225,7 +213,7 @@ impl Browser {
         self.events.iter().filter(told).map(Value::to_string).collect()
     }
 
-    /// Returns the addresses that the page has requested, other than its own file and its contents.
+    /// Returns the addresses that the page has requested beyond its own file and its contents.
     pub fn requests(&mut self) -> Vec<String> {
         self.evaluate("0");
         let of = |event: &Value| {

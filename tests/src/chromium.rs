@@ -2,11 +2,9 @@
 
 use std::process::{Command, Stdio};
 
-/// Variable with the path of a Chromium outside the search path.
 pub const CHROMIUM: &str = "SHELLCAL_CHROMIUM";
 const NAMES: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "google-chrome-stable"];
 
-/// Returns the Chromium named by `SHELLCAL_CHROMIUM`, or one on the path; `None` if neither starts.
 pub fn find() -> Option<String> {
     let named = std::env::var(CHROMIUM).ok().filter(|name| !name.is_empty());
     let starts = |name: &String| {

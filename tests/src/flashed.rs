@@ -1,8 +1,7 @@
-//! The flashed image, run on the model of its microcontroller.
+//! The flashed image on its microcontroller's model.
 //!
-//! The model is a separate Python program (`firmware/emulation`). It executes orders, one JSON object per
-//! line, and reports after each the bytes that the board has sent and the board's state. The same orders
-//! always give the same reports.
+//! The model is a Python program (`firmware/emulation`) that executes orders, one JSON object per
+//! line, and reports after each the bytes sent and the board's state, always the same.
 #![expect(clippy::unwrap_used, reason = "a test may panic and say why")]
 
 use std::collections::BTreeMap;
@@ -19,48 +18,35 @@ use crate::program::Running;
 /// Dark and lit code of every channel.
 pub type PlayedFrame = [(u16, u16); CHANNELS];
 
-/// Variable with the path of the tested image.
 pub const IMAGE: &str = "SHELLCAL_FLASHED_IMAGE";
 
-/// Variable with the path of a Python that has the model's requirements.
 pub const PYTHON: &str = "SHELLCAL_MODEL_PYTHON";
 
-/// The serial number of the modelled chip.
 pub const SERIAL: [u8; 12] = [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12];
 
-/// The model's files and board.
 #[derive(Clone, Debug)]
 pub struct Model {
-    /// The board, by its name in the model.
+    /// By its name in the model.
     pub board: &'static str,
-    /// The image, an ELF file.
     pub image: PathBuf,
-    /// A Python that has the model's requirements.
     pub python: PathBuf,
 }
 
 impl Model {
-    /// Returns the model that `cargo xtask test` has set up.
-    ///
-    /// # Panics
-    /// If there is none.
+    /// Returns the model that `cargo xtask test` has set up, or panics.
     pub fn find() -> Self {
         let path = |name: &str| std::env::var_os(name).map(PathBuf::from).unwrap();
         Self { board: "skinproc", image: path(IMAGE), python: path(PYTHON) }
     }
 
-    /// Returns the model like [`Self::find`], but of the Nucleo-G491RE, whose image is in the same folder.
-    ///
-    /// # Panics
-    /// If there is none.
+    /// Returns the Nucleo-G491RE's model, whose image is in the same folder.
     pub fn find_nucleo() -> Self {
         let Self { image, python, .. } = Self::find();
         let board = "nucleo-g491re";
         Self { board, image: image.with_file_name(board), python }
     }
 
-    /// Returns the command that runs the model, without the destination of its serial line. The converter's
-    /// codes are passed in a file in `dir`.
+    /// Returns the command without the serial line's destination. A file in `dir` holds the codes.
     pub fn command(&self, played: &[PlayedFrame], dir: &Path) -> Command {
         let mut command = Command::new(&self.python);
         let program = Path::new(env!("CARGO_MANIFEST_DIR")).join("../firmware/emulation");
@@ -77,43 +63,33 @@ impl Model {
     }
 }
 
-/// State of the board after an order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Report {
-    /// Bytes that the board has sent.
     pub sent: Vec<u8>,
-    /// True if the board has power.
     pub on: bool,
-    /// Causes of the resets since the last report.
+    /// Since the last report.
     pub resets: Vec<String>,
-    /// Total number of sectors erased and double words written.
+    /// Sectors erased and double words written in all.
     pub operations: u64,
-    /// Total number of instructions executed.
     pub instructions: u64,
-    /// The greatest depth of the stack so far, in bytes.
+    /// Greatest depth of the stack so far, bytes.
     pub stack: u32,
-    /// Simulated time since the board was created, in s.
+    /// Simulated, since the board was created.
     pub time_s: f64,
-    /// The pulls on RX, on CTS and on the sync input.
     pub pulls: [String; 3],
-    /// Simulated time at which the board's clock was 0, in s.
+    /// Simulated time at which the board's clock was 0.
     pub clock_zero_s: f64,
-    /// The rate of its line, baud.
     pub rate: f64,
-    /// State in which the bootloader in ROM was entered, if it was.
     pub rom: Option<Rom>,
 }
 
-/// The state in which the bootloader in ROM was entered.
+/// State in which the bootloader in ROM was entered.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Rom {
-    /// The stack pointer.
     pub stack_pointer: u32,
-    /// Address of the core's vectors.
     pub vectors: u32,
-    /// Enabled interrupts.
     pub interrupts_on: u32,
-    /// Registers of peripherals that differ from their reset state, by address.
+    /// Registers that differ from their reset state, by address.
     pub changed: BTreeMap<String, u32>,
 }
 
@@ -130,10 +106,8 @@ impl Rom {
     }
 }
 
-/// The initial stack pointer of the modelled ROM.
 pub const ROM_STACK: u32 = 0x2000_2F40;
 
-/// A board that executes orders.
 #[derive(Debug)]
 pub struct FlashedBoard {
     _process: Running,
@@ -142,7 +116,6 @@ pub struct FlashedBoard {
 }
 
 impl FlashedBoard {
-    /// Switches a board on.
     pub fn start(model: &Model, played: &[PlayedFrame], dir: &Path) -> Self {
         let mut command = model.command(played, dir);
         let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
@@ -175,34 +148,31 @@ impl FlashedBoard {
         }
     }
 
-    /// Lets time pass, in s.
     pub fn run(&mut self, time_s: f64) -> Report {
         self.order(&json!({ "run": time_s }))
     }
 
-    /// Sends bytes to the board at its line's rate.
     pub fn send(&mut self, bytes: &[u8]) {
         let hex: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
         self.order(&json!({ "send": hex }));
     }
 
-    /// Sets clear to send: `low` lets the board send, `high` holds it up, `open` is no wire.
+    /// `low` lets the board send, `high` holds it up, `open` is no wire.
     pub fn set_cts(&mut self, level: &str) {
         self.order(&json!({ "cts": level }));
     }
 
-    /// Schedules rising edges of the sync input after these times, in s.
+    /// Schedules rising edges after these times, s.
     pub fn drive_edges(&mut self, delays_s: &[f64]) -> Report {
         self.order(&json!({ "edges": delays_s }))
     }
 
-    /// Sets the rate of the line's other end, baud; with another rate on the board, neither understands the
-    /// other.
+    /// Sets the rate of the line's other end only, baud.
     pub fn set_rate(&mut self, baud: f64) {
         self.order(&json!({ "rate": baud }));
     }
 
-    /// Lets ambient light flicker with this amplitude, in steps, and frequency.
+    /// Amplitude in steps.
     pub fn set_flicker(&mut self, steps: f64, hz: f64) {
         self.order(&json!({ "flicker": [steps, hz] }));
     }
@@ -217,13 +187,11 @@ impl FlashedBoard {
         self.order(&json!({ "converter": false }));
     }
 
-    /// Cuts the power at a flash operation, counted from now; `outcome` is the effect of that operation:
-    /// `nothing`, `some bits`, `unreadable` or `complete`.
+    /// Cuts the power at a flash operation: `nothing`, `some bits`, `unreadable` or `complete`.
     pub fn cut_power(&mut self, operation: u64, outcome: &str) {
         self.order(&json!({ "cut": [operation, outcome] }));
     }
 
-    /// Switches the power on again.
     pub fn restore_power(&mut self) {
         self.order(&json!({ "power": true }));
     }
@@ -233,12 +201,11 @@ impl FlashedBoard {
         self.order(&json!({ "branch": true }));
     }
 
-    /// Restores the state at [`Self::open_branch`].
     pub fn leave_branch(&mut self) {
         self.order(&json!({ "leave": true }));
     }
 
-    /// Continues the core at an address, as after a damaged return address.
+    /// Continues at an address, as after a damaged return address.
     pub fn jump(&mut self, address: u32) {
         self.order(&json!({ "jump": address }));
     }

@@ -1,5 +1,4 @@
-//! Shared code of the tests across crates: the modelled board, a browser, running `shellcal`, packets as a
-//! host receives them, and the location of the real recordings.
+//! Shared code of the tests across crates.
 
 pub mod browser;
 pub mod chromium;
@@ -13,13 +12,10 @@ use std::path::PathBuf;
 use shared_proto::xbee::{Address, ApiFrame};
 use shared_proto::{Framing, Packet};
 
-/// The reference solution of the beam channel, relative to the real recordings. It is not part of them, but
-/// may be in a neighbouring folder.
+/// The reference solution of the beam channel, perhaps in a folder next to the real recordings.
 pub const REFERENCE_VALUES: &str = "../oracles/beam.json";
 
-/// Returns the file `name` of the real recordings, for tests that are ignored without them.
-///
-/// The recordings are not part of the repository: `SHELLCAL_REAL_DATA` is the directory that contains them.
+/// Returns the file `name` of the real recordings in `SHELLCAL_REAL_DATA`.
 ///
 /// # Panics
 /// If the variable is not set, or the file does not exist.
@@ -31,10 +27,6 @@ pub fn real_recording(name: &str) -> PathBuf {
     path
 }
 
-/// Returns the bytes of a packet as the base station passes them to the host.
-///
-/// # Panics
-/// Never: every packet fits into a frame.
 pub fn on_the_wire(packet: &Packet, framing: Framing) -> Vec<u8> {
     let payload = packet.encode();
     match framing {

@@ -1,6 +1,4 @@
-//! Runs `shellcal` as users do, and reads its output.
-//!
-//! For tests: errors are panics with a description.
+//! Runs `shellcal` as users do, and reads its output. Errors are panics.
 #![expect(clippy::unwrap_used, reason = "a test may panic and say why")]
 
 use std::ffi::OsString;
@@ -12,13 +10,11 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
-/// Variable with the path of a Python that has packages for tables and bags.
+/// Python with packages for tables and bags.
 pub const PYTHON: &str = "SHELLCAL_PYTHON";
 
-/// Number of attempts with a board that does not answer.
 const ATTEMPTS: u32 = 20;
 
-/// Returns the program, which is in the tests' target folder.
 fn shellcal() -> PathBuf {
     let this = std::env::current_exe().unwrap();
     let program = this.ancestors().nth(2).unwrap().join("shellcal");
@@ -26,19 +22,18 @@ fn shellcal() -> PathBuf {
     program
 }
 
-/// Returns the program in a directory, without arguments. Its calibrations are dated to a day in 2017.
+/// Returns the program in a directory. Its calibrations are dated to a day in 2017.
 pub fn command(dir: &(impl AsRef<Path> + ?Sized)) -> Command {
     let mut command = Command::new(shellcal());
     command.current_dir(dir).env("SOURCE_DATE_EPOCH", "1500000000");
     command
 }
 
-/// Returns the Python that has packages for tables and bags; `cargo xtask test` sets it up.
 pub fn python() -> Command {
     Command::new(std::env::var_os(PYTHON).unwrap())
 }
 
-/// A process that is killed when its owner is dropped, unless it has ended.
+/// A process that is killed when its owner is dropped.
 #[derive(Debug)]
 pub struct Running(pub Child);
 
@@ -49,7 +44,7 @@ impl Drop for Running {
     }
 }
 
-/// Starts a command in a directory; spaces separate its arguments.
+/// Starts a command; spaces separate its arguments.
 pub fn start(dir: &(impl AsRef<Path> + ?Sized), arguments: &str) -> Child {
     command(dir)
         .args(arguments.split_whitespace())
@@ -59,12 +54,11 @@ pub fn start(dir: &(impl AsRef<Path> + ?Sized), arguments: &str) -> Child {
         .unwrap()
 }
 
-/// Runs a command to its end.
 pub fn output(dir: &(impl AsRef<Path> + ?Sized), arguments: &str) -> Output {
     start(dir, arguments).wait_with_output().unwrap()
 }
 
-/// Runs a command that must end with this exit code; returns its output and its messages.
+/// Runs a command with this exit code; returns its output and its messages.
 pub fn ended(dir: &(impl AsRef<Path> + ?Sized), arguments: &str, code: i32) -> (String, String) {
     check(output(dir, arguments), arguments, code)
 }
@@ -74,12 +68,11 @@ pub fn succeed(dir: &(impl AsRef<Path> + ?Sized), arguments: &str) -> String {
     ended(dir, arguments, 0).0
 }
 
-/// Runs a command that must succeed; returns the document that it prints.
 pub fn json(dir: &(impl AsRef<Path> + ?Sized), arguments: &str) -> Value {
     serde_json::from_str(&succeed(dir, arguments)).unwrap()
 }
 
-/// Runs a command that must refuse to run, without output and without leaving files; returns its messages.
+/// Runs a command that must refuse to run, without output or files; returns its messages.
 pub fn refused(dir: &(impl AsRef<Path> + ?Sized), arguments: &str) -> String {
     let before = names(dir.as_ref());
     let (printed, said) = ended(dir, arguments, 2);
@@ -95,13 +88,11 @@ fn names(dir: &Path) -> Vec<OsString> {
     names
 }
 
-/// Runs a command that must end with this exit code; returns its output and its messages.
 pub fn run(dir: &(impl AsRef<Path> + ?Sized), arguments: &str, code: i32) -> String {
     finish(start(dir, arguments), arguments, code)
 }
 
-/// Runs a command like [`run`], repeatedly until there is an answer: a simulated board may be too slow to
-/// answer on a busy machine.
+/// Runs a command until there is an answer: on a busy machine a simulated board may be too slow.
 pub fn run_patiently(dir: &Path, arguments: &str, code: i32) -> String {
     for _ in 0..ATTEMPTS {
         let output = output(dir, arguments);
@@ -112,7 +103,6 @@ pub fn run_patiently(dir: &Path, arguments: &str, code: i32) -> String {
     panic!("{arguments}: no answer in {ATTEMPTS} attempts");
 }
 
-/// Waits for the end of a command, which must have this exit code; returns its output and its messages.
 pub fn finish(child: Child, arguments: &str, code: i32) -> String {
     both(check(child.wait_with_output().unwrap(), arguments, code))
 }
@@ -127,22 +117,18 @@ fn check(output: Output, arguments: &str, code: i32) -> (String, String) {
     (String::from_utf8(output.stdout).unwrap(), said)
 }
 
-/// Returns a document that a command has written into a directory.
 pub fn document(dir: &(impl AsRef<Path> + ?Sized), name: &str) -> Value {
     serde_json::from_slice(&fs::read(dir.as_ref().join(name)).unwrap()).unwrap()
 }
 
-/// Sends Ctrl-C.
 pub fn interrupt(child: &Child) {
     let kill = Command::new("kill").args(["-INT", &child.id().to_string()]).status();
     assert!(kill.unwrap().success());
 }
 
-/// Waits for a log to grow.
 pub fn wait_for_rows(log: &Path, rows: usize) {
-    // Timeout, which says nothing about the expected duration.
+    // Says nothing about the expected duration.
     let deadline = Instant::now() + Duration::from_secs(180);
-    // The header is a line, too.
     while fs::read(log).map_or(0, |text| text.iter().filter(|&&byte| byte == b'\n').count()) <= rows
     {
         assert!(Instant::now() < deadline, "the log does not grow any more");
@@ -150,13 +136,11 @@ pub fn wait_for_rows(log: &Path, rows: usize) {
     }
 }
 
-/// Returns a number from the output of `--json`.
 pub fn number(json: &str, name: &str) -> u64 {
     let document: Value = serde_json::from_str(json).unwrap();
     document[name].as_u64().unwrap_or_else(|| panic!("no number `{name}` in {json}"))
 }
 
-/// A recording, column by column.
 #[derive(Clone, Debug)]
 pub struct Recording {
     header: Vec<String>,
@@ -164,7 +148,6 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// Reads the recording in a file.
     pub fn read(path: &Path) -> Self {
         let text = fs::read_to_string(path).unwrap();
         let fields = |line: &str| line.split(',').map(str::to_owned).collect::<Vec<_>>();
@@ -172,23 +155,19 @@ impl Recording {
         Self { header: lines.next().unwrap(), rows: lines.collect() }
     }
 
-    /// Returns the number of rows.
     pub fn rows(&self) -> usize {
         self.rows.len()
     }
 
-    /// Returns the column with a name.
     pub fn text(&self, name: &str) -> Vec<&str> {
         let at = self.header.iter().position(|column| column == name).unwrap();
         self.rows.iter().map(|row| row[at].as_str()).collect()
     }
 
-    /// Returns the numbers of the column with a name.
     pub fn numbers(&self, name: &str) -> Vec<f64> {
         self.text(name).iter().map(|field| field.parse().unwrap()).collect()
     }
 
-    /// Returns several columns, row by row.
     pub fn table<const N: usize>(&self, names: [&str; N]) -> Vec<[f64; N]> {
         let columns = names.map(|name| self.numbers(name));
         (0..self.rows()).map(|row| columns.each_ref().map(|column| column[row])).collect()

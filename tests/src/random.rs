@@ -1,11 +1,10 @@
-//! Pseudo-random numbers for tests and benchmarks, the same on every machine.
+//! Pseudo-random numbers, the same on every machine.
 
 /// SplitMix64 (Steele, Lea and Flood, OOPSLA 2014).
 #[derive(Clone, Debug)]
 pub struct Random(pub u64);
 
 impl Random {
-    /// Returns the next 64 bits.
     #[expect(clippy::should_implement_trait, reason = "the numbers have no end")]
     pub fn next(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
@@ -15,33 +14,30 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    /// Returns a number of at most this many bits, 1 to 64.
+    /// From 1 to 64 bits.
     pub fn bits(&mut self, bits: u32) -> u64 {
         self.next() >> (64 - bits)
     }
 
-    /// Returns a number in 0..1.
     pub fn unit(&mut self) -> f64 {
         self.bits(53) as f64 / (1_u64 << 53) as f64
     }
 
-    /// Returns an approximately normal number, mean 0 and variance 1: the sum of twelve numbers in −½..½.
+    /// Approximately normal with variance 1: the sum of twelve numbers in −½..½.
     pub fn normal(&mut self) -> f64 {
         (0..12).map(|_| self.unit()).sum::<f64>() - 6.0
     }
 
-    /// Returns a number below `bound`, which is not zero.
     pub fn below(&mut self, bound: u64) -> u64 {
         self.next() % bound
     }
 
-    /// Returns whether an event of this probability, in percent, occurs.
     pub fn percent(&mut self, percent: u64) -> bool {
         self.below(100) < percent
     }
 }
 
-/// Damages the bytes of a file at random: cuts, flips, duplicates, or replaces the value of a field.
+/// Cuts, flips, duplicates, or replaces the value of a field.
 pub fn damage(bytes: &mut Vec<u8>, random: &mut Random) {
     const TEXTS: [&[u8]; 14] = [
         b"1e300",
@@ -72,7 +68,7 @@ pub fn damage(bytes: &mut Vec<u8>, random: &mut Random) {
             let to = random.below(bytes.len() as u64) as usize;
             drop(bytes.splice(to..to, piece));
         }
-        // Replaces a whole field, so that its surroundings stay valid.
+        // A whole field, so that its surroundings stay valid.
         4 | 5 => {
             let is_end = |byte: &u8| matches!(byte, b',' | b'\n' | b'|' | b':' | b'[');
             let start = bytes[..at].iter().rposition(is_end).map_or(0, |end| end + 1);

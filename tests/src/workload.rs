@@ -1,4 +1,4 @@
-//! Workloads for measuring the firmware: calibrations, and frames for the board to convert.
+//! Workloads for measuring the firmware.
 
 use shared_proto::{
     AXES, CHANNELS, COUNTS_PER_LSB, Calibration, Cubic, FEATURES, Physics, PhysicsSensor,
@@ -7,11 +7,11 @@ use shared_proto::{
 use crate::flashed::PlayedFrame;
 use crate::random::Random;
 
-/// Distance in converter steps between the plateaus of the modelled sensors, and the lower plateau.
+/// Distance in steps between the plateaus of the modelled sensors, and the lower plateau.
 const RANGE: f64 = 2_000.0;
 const LEAST: f64 = 500.0;
 
-/// A cubic calibration without special values that would be cheaper.
+/// Without special values that would be cheaper.
 pub fn cubic() -> Calibration {
     let mut coefficients = [[0.0; AXES]; FEATURES];
     for (i, value) in coefficients.as_flattened_mut().iter_mut().enumerate() {
@@ -25,7 +25,7 @@ pub fn cubic() -> Calibration {
     })
 }
 
-/// Eight sensors, each with different gains for every axis, known to a few hundredths.
+/// Eight sensors with different gains for every axis, known to a few hundredths.
 pub fn physics() -> Calibration {
     let counts = f64::from(COUNTS_PER_LSB);
     let mut prior = [0.0; shared_proto::PRIOR];
@@ -63,8 +63,7 @@ pub fn everywhere() -> Vec<PlayedFrame> {
     (0..500).map(|frame| std::array::from_fn(|channel| codes(frame, channel as u32))).collect()
 }
 
-/// Readings of the sensors of [`physics`] under loads up to twice the training loads, with errors as large as
-/// its reading variance states.
+/// Readings of [`physics`] under up to twice the training loads, with errors of its variance.
 pub fn poses() -> Vec<PlayedFrame> {
     let Calibration::Physics(model) = physics() else { return Vec::new() };
     let mut random = Random(1);

@@ -1,7 +1,7 @@
 //! Builds a book of the repository's pages with mdBook.
 //!
-//! Some pages are outside `docs`, and they link to files that are not pages. So the book's source is a copy
-//! of all files that git tracks. A test of the program follows every link.
+//! Some pages are outside `docs` and link to files that are not pages, so the book's source is a
+//! copy of all files that git tracks.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -35,12 +35,12 @@ pub(crate) fn build() -> Result<()> {
     Ok(())
 }
 
-/// Returns the files of the repository, except seeds of fuzz targets.
+/// Returns the repository's files, except seeds of fuzz targets.
 fn files() -> Result<BTreeSet<PathBuf>> {
     let mut list = Command::new("git");
     list.args(["ls-files", "--", ":!*fuzz/seeds/*"]).current_dir(workspace());
     let files = steps::output(&mut list)?;
-    // The list of git includes deleted files.
+    // Git also lists deleted files.
     Ok(files.lines().map(PathBuf::from).filter(|it| workspace().join(it).is_file()).collect())
 }
 
@@ -55,8 +55,8 @@ fn copy(file: &Path, to: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Returns the table of contents, which mdBook requires above all pages. Pages that it leaves out are added
-/// at its end, so that links to them work.
+/// Returns the table of contents that mdBook requires above all pages, with pages that it leaves
+/// out at its end, so that links to them work.
 fn summary(text: &str, files: &BTreeSet<PathBuf>) -> String {
     let chapters = text.replace("](", "](docs/").replace("](docs/../", "](");
     let mut summary = format!("{chapters}\n# Beside the code\n\n");
@@ -69,7 +69,7 @@ fn summary(text: &str, files: &BTreeSet<PathBuf>) -> String {
     summary
 }
 
-/// Replaces the line `<!-- screen: NAME -->` of a page by the screen that tests have left under that name.
+/// Replaces `<!-- screen: NAME -->` by the screen that tests have left under that name.
 fn with_screens(text: &str) -> String {
     let shown = |line: &str| {
         let name = line.trim().strip_prefix("<!-- screen: ")?.strip_suffix(" -->")?;

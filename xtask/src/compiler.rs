@@ -1,5 +1,5 @@
-//! Compilers for other targets: rustup's, or the distribution's with the sources of the standard library,
-//! which is then compiled as well.
+//! Compilers for other targets: rustup's, or the distribution's with the sources of the standard
+//! library, which is compiled as well.
 
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -9,31 +9,27 @@ use crate::steps::{installed, workspace};
 pub(crate) const BOARD_TARGET: &str = "thumbv7em-none-eabihf";
 pub(crate) const PAGE_TARGET: &str = "wasm32-unknown-unknown";
 
-/// Other systems that the program compiles for. Windows uses the compiler's own tools: with GNU's, compiling
-/// the standard library would require those.
+/// Other systems that the program compiles for; GNU's Windows would need its tools.
 pub(crate) const SYSTEMS: [&str; 2] = ["x86_64-pc-windows-msvc", "aarch64-unknown-linux-gnu"];
 
-/// Folder of a distribution's compiler, used past rustup's.
 const DISTRIBUTION: &str = "/usr/bin";
 
-/// The board's linker, which is available without rustup.
+/// Available without rustup.
 const GNU_LINKER: &str = "arm-none-eabi-ld";
 
 /// A compiler that is new enough, and can build for a target and link for the board.
 #[derive(Debug)]
 pub(crate) struct Compiler {
-    /// Its directory, `None` for the one that runs this task.
+    /// `None` for the one that runs this task.
     dir: Option<&'static str>,
     pub(crate) version: String,
     target: &'static str,
-    /// Parts of the standard library to compile as well.
     pub(crate) std_parts: Option<&'static str>,
     has_linker: bool,
 }
 
 impl Compiler {
-    /// Finds the first compiler on this machine for a target: the one that runs this task, or the
-    /// distribution's.
+    /// Finds a compiler for a target: the one that runs this task, or the distribution's.
     pub(crate) fn find(target: &'static str) -> Option<Self> {
         [None, Some(DISTRIBUTION)].into_iter().find_map(|dir| Self::in_dir(dir, target))
     }
@@ -79,8 +75,7 @@ impl Compiler {
     }
 }
 
-/// Returns a program of the compiler in a directory, without the variables that cargo sets for programs that
-/// it runs.
+/// Returns a compiler's program, without the variables that cargo sets.
 fn command(program: &str, dir: Option<&str>) -> Command {
     let Some(dir) = dir else { return Command::new(program) };
     let mut command = Command::new(Path::new(dir).join(program));
@@ -92,7 +87,6 @@ fn command(program: &str, dir: Option<&str>) -> Command {
     command
 }
 
-/// Returns major and minor version.
 fn parts(version: &str) -> Vec<u32> {
     let digits = version.split(['.', '-']).take(2);
     digits.map(|part| part.parse().unwrap_or(0)).collect()

@@ -1,4 +1,4 @@
-//! Dependencies: their licences, duplicates and sources by `deny.toml`, and the program's list of them.
+//! Dependencies: licences, duplicates and sources by `deny.toml`, and the program's list of them.
 
 use std::collections::BTreeSet;
 
@@ -7,7 +7,6 @@ use anyhow::{Context, Result, ensure};
 use crate::python;
 use crate::steps::{self, cargo, workspace};
 
-/// The program's list of its components.
 const NOTICES: &str = "host-cli/assets/licences.tsv";
 
 /// Systems with releases.
@@ -18,12 +17,11 @@ const SYSTEMS: [&str; 4] = [
     "x86_64-pc-windows-msvc",
 ];
 
-/// `cargo xtask licences`.
 pub(crate) fn write_notices() -> Result<()> {
     std::fs::write(workspace().join(NOTICES), notices()?).context(NOTICES)
 }
 
-/// Checks the dependencies. Advisories need a database from the network: the public workflow checks them.
+/// Checks the dependencies; the public workflow checks advisories, which need the network.
 pub(crate) fn check() -> Result<()> {
     let written = std::fs::read_to_string(workspace().join(NOTICES)).context(NOTICES)?;
     ensure!(
@@ -36,7 +34,7 @@ pub(crate) fn check() -> Result<()> {
     steps::run("licences, duplicates and sources", &mut deny)
 }
 
-/// Returns name, version and licence of the packages in the program, one per line.
+/// Returns name, version and licence of the program's packages, one per line.
 fn notices() -> Result<String> {
     let mut packages = BTreeSet::new();
     for system in SYSTEMS {
@@ -51,8 +49,7 @@ fn notices() -> Result<String> {
         .collect())
 }
 
-/// Parses `name v1.2.3 (a note)|licence (*)`; `None` for packages of this workspace, whose note is their
-/// folder.
+/// Parses `name v1.2.3 (a note)|licence (*)`; `None` for this workspace, whose note is a folder.
 fn notice(line: &str) -> Option<(String, String, String)> {
     let (package, licence) = line.split_once('|')?;
     let mut words = package.split(' ');

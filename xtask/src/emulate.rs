@@ -1,5 +1,4 @@
-//! `cargo xtask emulate`: runs the flashed image on the model of its microcontroller, on a pty, for
-//! interactive use.
+//! `cargo xtask emulate`: runs the flashed image on its microcontroller's model, on a pty.
 
 use std::path::{Path, PathBuf};
 
@@ -22,7 +21,6 @@ pub(crate) struct EmulateArgs {
     board: Board,
 }
 
-/// The converter's value with the emitter off, in steps.
 const DARK: u16 = 100;
 
 pub(crate) fn run(args: &EmulateArgs) -> Result<()> {

@@ -1,9 +1,9 @@
 //! `cargo xtask firmware`: builds the boards' images and reports their resource use.
 //!
-//! Flash, RAM and a bound on the stack are read from an image. Instructions and the observed stack depth come
-//! from running the image on the model of its microcontroller, which gives the same results in every run with
-//! the same compiler. All are printed next to the values in `firmware/measured.toml`. An error is only an
-//! image that does not fit into the chip, or a frame that costs far more than before.
+//! Flash, RAM and a bound on the stack are read from an image. Instructions and the observed stack
+//! depth come from the model of its microcontroller, the same in every run with the same compiler.
+//! All are printed next to `firmware/measured.toml`. An error is an image that does not fit, or a
+//! frame that costs far more than before.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -30,12 +30,10 @@ pub(crate) struct FirmwareArgs {
     record: bool,
 }
 
-/// Clock of the boards' core, and frame rate.
 const CORE_HZ: f64 = 80e6;
 const RATE_HZ: f64 = 100.0;
 
-/// Maximum instructions of a frame relative to the recorded value: more than the difference between two
-/// compilers.
+/// Maximum instructions of a frame over the recorded value: more than compilers differ.
 const INSTRUCTIONS_FACTOR: f64 = 1.25;
 
 const RECORD: &str = "firmware/measured.toml";
@@ -45,7 +43,7 @@ const RECORD_HEAD: &str = "\
 
 ";
 
-/// Lints, builds and measures all images and prints the results; an error if something does not fit.
+/// Lints, builds and measures all images; an error if something does not fit.
 pub(crate) fn run(args: FirmwareArgs) -> Result<()> {
     let record = workspace().join(RECORD);
     let recorded = std::fs::read_to_string(&record).context(RECORD)?;
@@ -79,7 +77,6 @@ struct MeasuredImages {
     boards: BTreeMap<String, Taken>,
 }
 
-/// Resource use of an image.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 struct Taken {
@@ -88,7 +85,6 @@ struct Taken {
     /// A bound, and the greatest depth observed.
     stack_bound: u64,
     stack_seen: u64,
-    /// Instructions from one frame to the next, by workload.
     instructions: BTreeMap<String, f64>,
 }
 
@@ -118,8 +114,7 @@ impl Taken {
         Ok(taken)
     }
 
-    /// Prints the measurements; returns the resources that do not fit into the chip, and frames that cost far
-    /// more than before.
+    /// Prints the measurements; returns those that do not fit or cost far more than before.
     fn report(&self, board: Board, before: &Self, compiler: &str) -> Vec<String> {
         let [flash, ram, stack] = board.memory();
         let kib = |bytes: u64| format!("{:8.1} KiB", bytes as f64 / 1024.0);
@@ -148,10 +143,9 @@ impl Taken {
     }
 }
 
-/// Name, stream, calibration, and the scene of the converter.
 type Workload = (&'static str, Stream, fn() -> Calibration, fn() -> Vec<PlayedFrame>);
 
-/// No wrench explains the last workload, for which the inversion takes the most steps.
+/// No wrench explains the last workload, so its inversion takes the most steps.
 const WORKLOADS: [Workload; 4] = [
     ("readings", Stream::Raw, workload::cubic, workload::everywhere),
     ("wrenches, cubic", Stream::Wrench, workload::cubic, workload::everywhere),
@@ -159,23 +153,19 @@ const WORKLOADS: [Workload; 4] = [
     ("physics, no wrench fits", Stream::Wrench, workload::physics, workload::everywhere),
 ];
 
-/// Maximum duration of an order: two pages erased, a slot written, and the answer.
+/// Longest order, s: two pages erased, a slot written, and the answer.
 const ORDER_S: f64 = 0.12;
 
-/// Time for a stream to settle, and time counted, in s.
+/// Time for a stream to settle, and time counted, s.
 const SETTLE_S: f64 = 0.2;
 const COUNTED_S: f64 = 1.0;
 
-/// Returns the Python of the model's environment, which is created if missing.
 pub(crate) fn set_up_model() -> Result<PathBuf> {
     let requirements = workspace().join("firmware/emulation/requirements.txt");
     python::environment("emulation-python", &["--requirement", &requirements.to_string_lossy()])
 }
 
-/// Starts the model of a board with its most recent image.
-///
-/// # Errors
-/// The reason why the model cannot run.
+/// Starts the model of a board with its latest image, or says why not.
 pub(crate) fn model(board: Board) -> Result<Model> {
     let image = board.image();
     ensure!(image.exists(), "the board's image has not been built");
@@ -183,8 +173,8 @@ pub(crate) fn model(board: Board) -> Result<Model> {
     Ok(Model { board: board.name(), image, python })
 }
 
-/// Streams after an upload, at the settings after a reset. Returns the instructions from one frame to the
-/// next, and the greatest depth of the stack, in bytes.
+/// Streams after an upload, at the default settings. Returns the instructions per frame, and the
+/// greatest depth of the stack, bytes.
 fn stream(
     model: &Model,
     stream: Stream,

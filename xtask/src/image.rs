@@ -10,10 +10,9 @@ use crate::compiler::{BOARD_TARGET, Compiler};
 use crate::need;
 use crate::steps::{self, installed, workspace};
 
-/// Start of the RAM on all boards.
 const RAM: u32 = 0x2000_0000;
 
-/// Linker arguments of an image, and symbol names that contain types (for stack.rs).
+/// Linker arguments, and symbol names that contain types (for stack.rs).
 const FLAGS: &str = "-C link-arg=-Tlink.x -C link-arg=--nmagic -C link-arg=-Tdefmt.x \
     -C symbol-mangling-version=v0";
 
@@ -31,7 +30,6 @@ pub(crate) enum Board {
 impl Board {
     pub(crate) const ALL: [Self; 2] = [Self::SkinProc, Self::NucleoG491re];
 
-    /// Returns the name of the feature, of the binary, and of the linker's map.
     pub(crate) fn name(self) -> &'static str {
         match self {
             Self::SkinProc => "skinproc",
@@ -39,7 +37,6 @@ impl Board {
         }
     }
 
-    /// Returns the name of the microcontroller in probe-rs.
     pub(crate) fn chip(self) -> &'static str {
         match self {
             Self::SkinProc => "STM32L432KCUx",
@@ -47,8 +44,8 @@ impl Board {
         }
     }
 
-    /// Returns sizes in bytes: flash for code without the calibration's pages, and the RAM that the linker
-    /// script assigns to variables (all of SRAM2) and to the stack (all of SRAM1).
+    /// Returns sizes in bytes: flash for code without the calibration's pages, and RAM for
+    /// variables (all of SRAM2) and for the stack (all of SRAM1).
     pub(crate) fn memory(self) -> [u64; 3] {
         match self {
             Self::SkinProc => [248, 16, 48].map(|kib| kib * 1024),
@@ -56,7 +53,6 @@ impl Board {
         }
     }
 
-    /// Lints the code that only the board's target compiles; warnings are errors.
     pub(crate) fn lint(self, compiler: &Compiler) -> Result<()> {
         let mut cargo = self.cargo("clippy", compiler);
         steps::run(&format!("lints of {}", self.name()), cargo.args(["--", "-D", "warnings"]))
@@ -76,19 +72,18 @@ impl Board {
         cargo
     }
 
-    /// Returns the path of the image once it is built.
     pub(crate) fn image(self) -> PathBuf {
         target_dir().join(BOARD_TARGET).join("firmware").join(self.name())
     }
 }
 
-/// Returns a separate directory, since the compiler may differ from the host's.
+/// The compiler may differ from the host's.
 fn target_dir() -> PathBuf {
     workspace().join("target/firmware")
 }
 
-/// Returns the static memory use of an image in bytes: flash for code, constants and initial values, and RAM
-/// for variables, including the futures of all tasks, but without the stack.
+/// Returns the static memory use in bytes: flash for code, constants and initial values, and RAM
+/// for variables, including all tasks' futures, without the stack.
 pub(crate) fn footprint(image: &object::File<'_>) -> (u64, u64) {
     let (mut flash, mut ram) = (0, 0);
     for section in image.sections() {
@@ -121,7 +116,6 @@ pub(crate) struct FlashArgs {
     log: bool,
 }
 
-/// `cargo xtask flash`: builds a board's image and flashes it with probe-rs.
 pub(crate) fn flash(args: &FlashArgs) -> Result<()> {
     // Checked before spending minutes on the image.
     ensure!(

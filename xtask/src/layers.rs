@@ -1,4 +1,4 @@
-//! The diagram of the crates in `docs/architecture.md`: in layers, each above the layers that it depends on.
+//! The diagram of the crates in `docs/architecture.md`, in layers above their dependencies.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
@@ -8,15 +8,13 @@ use serde_json::Value;
 
 use crate::steps::{self, cargo};
 
-/// Packages that are not shipped.
 const LEFT_OUT: [&str; 2] = ["system-tests", "xtask"];
 
-/// Width and height of a box, and the gaps between boxes of a layer and between layers.
+/// Width and height of a box, and the gaps between boxes and between layers.
 const BOX: [f64; 2] = [112.0, 26.0];
 const GAPS: [f64; 2] = [14.0, 52.0];
 const MARGIN: f64 = 12.0;
 
-/// The packages of the workspace, each with its dependencies.
 type Dependencies = BTreeMap<String, BTreeSet<String>>;
 
 pub(crate) fn draw() -> Result<String> {
@@ -41,12 +39,12 @@ fn dependencies(metadata: &Value) -> Option<Dependencies> {
     drawn.map(|(name, package)| Some(((*name).to_owned(), of(package)?))).collect()
 }
 
-/// Returns the length of the longest chain of dependencies below a crate.
+/// Returns the longest chain of dependencies below a crate.
 fn layer(of: &str, all: &Dependencies) -> usize {
     all[of].iter().map(|below| 1 + layer(below, all)).max().unwrap_or(0)
 }
 
-/// Returns true if one crate reaches another through a third, which makes an arrow redundant.
+/// Returns true if one crate reaches another through a third, so that its arrow is redundant.
 fn is_implied(from: &str, to: &str, all: &Dependencies) -> bool {
     fn reaches(from: &str, to: &str, all: &Dependencies) -> bool {
         all[from].contains(to) || all[from].iter().any(|next| reaches(next, to, all))

@@ -6,7 +6,6 @@ use anyhow::{Context, Result};
 
 use crate::steps::{self, PROFILE, cargo};
 
-/// Passes the folder to the test.
 const FOLDER: &str = "SHELLCAL_MANUAL";
 
 #[derive(Debug, clap::Args)]

@@ -1,4 +1,4 @@
-//! Programs and compilers that a task needs and that may be missing, and the commands that install them.
+//! Programs and compilers that a task needs, and the commands that install them.
 
 use std::fmt;
 use std::process::{Command, Stdio};
@@ -10,18 +10,11 @@ use system_tests::chromium;
 use crate::compiler::{BOARD_TARGET, Compiler, PAGE_TARGET, SYSTEMS};
 use crate::steps::{self, installed, workspace};
 
-/// A requirement of a task.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Need {
     Target(&'static str),
-    /// rustfmt and clippy.
     Linters,
-    /// Programs in packages of Debian and its derivatives.
-    Packages {
-        what: &'static str,
-        is_met: fn() -> bool,
-        packages: &'static [&'static str],
-    },
+    Packages { what: &'static str, is_met: fn() -> bool, packages: &'static [&'static str] },
 }
 
 pub(crate) const BROWSER: Need = Need::Packages {
@@ -30,7 +23,7 @@ pub(crate) const BROWSER: Need = Need::Packages {
     packages: &["chromium"],
 };
 
-/// For the tests of completions, of the manual and of the installation script.
+/// For the tests of completions, manual and installation script.
 pub(crate) const SHELLS: Need = Need::Packages {
     what: "zsh, fish, groff and curl",
     is_met: || ["zsh", "fish", "groff", "curl"].iter().all(|name| installed(name, &["--version"])),
@@ -72,7 +65,6 @@ pub(crate) struct SetupArgs {
     no_install: bool,
 }
 
-/// `cargo xtask setup`: installs the requirements of tests and checks.
 pub(crate) fn set_up(args: SetupArgs) -> Result<()> {
     let is_here = |need: &Need| if args.no_install { need.is_met() } else { need.meet().is_ok() };
     let missing: Vec<Need> = ALL.into_iter().filter(|need| !is_here(need)).collect();
@@ -82,17 +74,16 @@ pub(crate) fn set_up(args: SetupArgs) -> Result<()> {
     Ok(())
 }
 
-/// Returns a compiler for a target, which is installed if missing.
 pub(crate) fn compiler(target: &'static str) -> Result<Compiler> {
     Need::Target(target).meet()?;
     Compiler::find(target).context("the compiler is gone")
 }
 
 impl Need {
-    /// Installs the requirement if missing; an error if no command on this machine can.
+    /// Installs the requirement if missing; an error if no command can.
     pub(crate) fn meet(&self) -> Result<()> {
-        // rustup's target is tried even if the distribution's compiler is there: it builds faster, and has
-        // the same version as the rest.
+        // rustup's target is tried even if there is the distribution's compiler: it builds faster,
+        // and has the version of the rest.
         let is_slow = |target| Compiler::find(target).is_some_and(|it| it.std_parts.is_some());
         if self.is_met() && !matches!(self, Self::Target(target) if is_slow(target)) {
             return Ok(());
@@ -120,7 +111,6 @@ impl Need {
         }
     }
 
-    /// Returns the commands that may install it, best first.
     fn commands(&self) -> Vec<Vec<&'static str>> {
         let install = |packages: &[&'static str]| {
             [&["apt-get", "install", "--no-install-recommends"], packages].concat()
@@ -151,8 +141,7 @@ impl fmt::Display for Need {
     }
 }
 
-/// Runs a command of rustup or apt-get; the first apt-get command is preceded by an update of the package
-/// list.
+/// Runs rustup or apt-get; updates the package list before the first apt-get.
 fn get(command: &[&str]) -> Result<()> {
     static UPDATED: Once = Once::new();
     let by_apt = command[0] == "apt-get";

@@ -1,8 +1,7 @@
-//! `cargo xtask pictures`: the pictures of README, drawn by the program itself, and the diagram of the
-//! crates.
+//! `cargo xtask pictures`: the pictures of README, and the diagram of the crates.
 //!
-//! The figure of a calibration and the diagram of the crates have the same bytes on every machine, so the
-//! contributor checks compare them. A page in a browser differs between machines and is not compared.
+//! The figure of a calibration and the diagram have the same bytes on every machine, so they are
+//! compared; pages in browsers differ.
 
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
@@ -21,7 +20,6 @@ const FIGURE: &str = "fit.svg";
 const LIVE: &str = "live.png";
 const CRATES: &str = "crates.svg";
 
-/// Redraws all pictures.
 pub(crate) fn make() -> Result<()> {
     let folder = workspace().join("docs/pictures");
     fs::create_dir_all(&folder)?;
@@ -32,7 +30,6 @@ pub(crate) fn make() -> Result<()> {
     photograph_live(&shellcal, &calibration, &chromium, &folder.join(LIVE))
 }
 
-/// Fails if a committed picture differs from the one that would be drawn.
 pub(crate) fn check() -> Result<()> {
     compare(CRATES, layers::draw()?.as_bytes())?;
     let made = scratch("pictures")?.join(FIGURE);
@@ -47,7 +44,7 @@ fn compare(name: &str, made: &[u8]) -> Result<()> {
     Ok(())
 }
 
-/// Runs README's fit of the shipped data, which draws `figure`; returns the path of its calibration.
+/// Runs README's fit of the shipped data, which draws `figure`; returns its calibration.
 fn draw_fit(shellcal: &Path, figure: &Path) -> Result<PathBuf> {
     let calibration = scratch("pictures")?.join("calibration.json");
     let mut fit = Command::new(shellcal);

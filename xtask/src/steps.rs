@@ -1,5 +1,5 @@
-//! Runs other programs and reports them, one after the other or in parallel. Parallel jobs pay off because
-//! many of them wait: for a board's line, an emulator, a browser.
+//! Runs other programs, one after the other or in parallel, which pays off because many wait: for a
+//! board's line, an emulator, a browser.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -9,24 +9,22 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, ensure};
 
-/// Variable with the directory of the real recordings, which are not part of the repository.
+/// Directory of the real recordings, which are not part of the repository.
 pub(crate) const REAL_DATA: &str = "SHELLCAL_REAL_DATA";
 
-/// The profile of tests and lints: optimised, with the checks of a debug build.
+/// Profile of tests and lints: optimised, with the checks of a debug build.
 pub(crate) const PROFILE: [&str; 2] = ["--profile", "checked"];
 
-/// Builds everything that is tested: another choice of packages would have other features, and recompile
-/// everything.
+/// Everything that is tested: other packages would have other features, and recompile everything.
 pub(crate) const BUILD: [&str; 5] = ["build", "--workspace", "--lib", "--bins", "--tests"];
 
 pub(crate) fn workspace() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("xtask lies in the workspace")
 }
 
-/// Returns the cargo that runs this task, with the workspace's root as its directory.
+/// Returns the cargo that runs this task, in the workspace's root.
 ///
-/// The variable of the recordings is the same for every command, because build scripts depend on it: another
-/// value would recompile the program.
+/// The variable of the recordings is always the same, because build scripts depend on it.
 pub(crate) fn cargo(args: &[&str]) -> Command {
     let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
     command.args(args).current_dir(workspace());
@@ -37,22 +35,20 @@ pub(crate) fn cargo(args: &[&str]) -> Command {
     command
 }
 
-/// Returns the directory of the real recordings as an absolute path, because the tests of every package run
-/// in the package's directory. An empty variable counts as unset.
+/// Returns the directory of the real recordings, absolute since tests run in their package's. An
+/// empty variable counts as unset.
 pub(crate) fn real_data() -> Option<PathBuf> {
     let path = std::env::var_os(REAL_DATA).filter(|path| !path.is_empty())?;
     Some(std::path::absolute(&path).unwrap_or_else(|_| path.into()))
 }
 
-/// Variable with the folder where tests leave screens, in base64.
+/// Folder where tests leave screens, in base64.
 pub(crate) const SCREENS: &str = "SHELLCAL_SCREENSHOTS";
 
-/// Returns the folder of the tests' screens, with its default.
 pub(crate) fn screens() -> PathBuf {
     std::env::var_os(SCREENS).map_or_else(|| target().join("screens"), PathBuf::from)
 }
 
-/// Runs `command` with its output on the terminal; an error unless it succeeds.
 pub(crate) fn run(title: &str, command: &mut Command) -> Result<()> {
     eprintln!("\n==> {title}: {}", line(command));
     let start = Instant::now();
@@ -62,7 +58,6 @@ pub(crate) fn run(title: &str, command: &mut Command) -> Result<()> {
     Ok(())
 }
 
-/// Builds the program like the tests and returns its path.
 pub(crate) fn build_shellcal() -> Result<PathBuf> {
     run("build", &mut cargo(&[&BUILD[..], &PROFILE].concat()))?;
     Ok(target().join("checked").join("shellcal"))
@@ -78,7 +73,6 @@ pub(crate) fn output(command: &mut Command) -> Result<String> {
 /// Returns a command as a user would type it, without its folder and environment.
 pub(crate) fn line(command: &Command) -> String {
     let program = Path::new(command.get_program());
-    // The path of the cargo that runs this task is irrelevant.
     let program = if program.file_stem().is_some_and(|name| name == "cargo") {
         "cargo".into()
     } else {
@@ -91,27 +85,23 @@ pub(crate) fn line(command: &Command) -> String {
     [program.into_owned()].into_iter().chain(quoted).collect::<Vec<_>>().join(" ")
 }
 
-/// Returns whether `program` can be started here.
 pub(crate) fn installed(program: &str, check: &[&str]) -> bool {
     let run =
         Command::new(program).args(check).stdout(Stdio::null()).stderr(Stdio::null()).status();
     run.is_ok_and(|status| status.success())
 }
 
-/// Returns cargo's target directory.
 pub(crate) fn target() -> PathBuf {
     std::env::var_os("CARGO_TARGET_DIR")
         .map_or_else(|| workspace().join("target"), |dir| workspace().join(dir))
 }
 
-/// Returns a directory below `target` for a task's files.
 pub(crate) fn scratch(name: &str) -> Result<PathBuf> {
     let dir = workspace().join("target").join(name);
     std::fs::create_dir_all(&dir).with_context(|| format!("cannot make `{}`", dir.display()))?;
     Ok(dir)
 }
 
-/// A program to run, with a name.
 pub(crate) struct Job {
     pub(crate) name: String,
     pub(crate) command: Command,
@@ -121,12 +111,10 @@ pub(crate) struct Job {
 pub(crate) struct EndedJob {
     pub(crate) name: String,
     pub(crate) succeeded: bool,
-    /// Its output, errors last.
     pub(crate) output: String,
 }
 
-/// Runs all jobs in their order, `at_once` at a time, and each job that `next` returns for one that ended.
-/// The output of a failed job is printed when it ends.
+/// Runs all jobs, `at_once` at a time, and those from `next`. Prints the output of failed ones.
 pub(crate) fn run_side_by_side(
     jobs: Vec<Job>,
     at_once: usize,

@@ -1,10 +1,9 @@
 //! `cargo xtask test`: tests that the program works on this machine.
 //!
-//! Requirements are set up first, then everything is built once, then the test programs run in parallel. A
-//! test that needs more than the compiler is marked `#[ignore = "needs …"]`, so that plain `cargo test`
-//! leaves it out; here it runs if its requirement is met. Tests in modules named `studies` are left to `cargo
-//! xtask check studies`: they measure errors of methods over hundreds of sensors, sessions or trials, with
-//! the same results on every machine.
+//! After the set-up, everything is built once, and the test programs run in parallel. A test that
+//! needs more than the compiler is marked `#[ignore = "needs …"]`, so that plain `cargo test`
+//! leaves it out; here it runs if its requirement is met. `cargo xtask check studies` runs modules
+//! named `studies`.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -31,7 +30,6 @@ pub(crate) struct TestArgs {
     without: Vec<Part>,
 }
 
-/// A group of tests that needs more than a compiler.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Part {
     /// The flashed images on a model of their microcontrollers
@@ -55,16 +53,14 @@ impl Part {
     }
 }
 
-/// Name of the test modules that compare methods with the truth, over many cases.
+/// Modules that measure errors of methods over many cases, the same on every machine.
 const STUDIES: &str = "studies::";
 
-/// Reason to ignore tests that compare times: they run after all others, one by one.
+/// Reason to ignore tests that compare times: they run last, one by one.
 const QUIET: &str = "needs a machine that is not busy";
 
-/// Variable with the path of axe-core for the tests.
 const AXE: &str = "SHELLCAL_AXE";
 
-/// Variable with the path of the page that fits and converts, for the tests.
 const PAGE: &str = "SHELLCAL_WEB_PAGE";
 
 #[derive(Default)]
@@ -95,7 +91,6 @@ pub(crate) fn run(args: &TestArgs) -> Result<()> {
     report(&ended, &args.without)
 }
 
-/// Runs the tests that [`run`] leaves out.
 pub(crate) fn studies() -> Result<()> {
     let (equipment, programs) = set_up_and_build(&[Part::Board])?;
     let jobs = programs.iter().map(|program| program.job(&[STUDIES], &equipment)).collect();
@@ -117,7 +112,6 @@ fn run_all(
     steps::run_side_by_side(jobs, at_once, more)
 }
 
-/// Sets up the Python environments while the compiler works.
 fn set_up_and_build(parts: &[Part]) -> Result<(TestEquipment, Vec<Program>)> {
     let needs = parts.iter().flat_map(|part| part.needs());
     let missing: Vec<_> = needs.filter_map(|need| need.meet().err()).collect();
@@ -151,7 +145,6 @@ fn set_up_and_build(parts: &[Part]) -> Result<(TestEquipment, Vec<Program>)> {
 }
 
 impl TestEquipment {
-    /// Sets a variable for tests with this requirement.
     fn give(&mut self, reason: &'static str, variable: &'static str, value: impl Into<OsString>) {
         self.met.push(reason);
         self.variables.push((variable, value.into()));
@@ -185,7 +178,7 @@ impl TestEquipment {
     }
 }
 
-/// Fetches the accessibility rules for pages from npm's registry into `target`; returns their file.
+/// Fetches axe-core, the accessibility rules, from npm's registry; returns its file.
 fn axe() -> Result<PathBuf> {
     let folder = steps::scratch("axe-core")?;
     let file = folder.join("node_modules/axe-core/axe.min.js");
@@ -204,8 +197,8 @@ struct Program {
     folder: PathBuf,
 }
 
-/// Builds all tests, the program and the Python extension with one command, so that no crate is built twice;
-/// returns the test programs, those of the largest packages first.
+/// Builds everything with one command, so that no crate is built twice; returns the test programs,
+/// those of the largest packages first.
 fn programs() -> Result<Vec<Program>> {
     let format = ["--message-format", "json-render-diagnostics"];
     let mut build = cargo(&[&BUILD[..], &format, &PROFILE].concat());
@@ -235,7 +228,6 @@ fn programs() -> Result<Vec<Program>> {
 }
 
 impl Program {
-    /// Returns the job of the tests that are not ignored, in the environment that cargo would provide.
     fn job(&self, which: &[&str], equipment: &TestEquipment) -> Job {
         let mut command = Command::new(&self.file);
         command.args(which);
@@ -244,7 +236,6 @@ impl Program {
         Job { name: self.name.clone(), command }
     }
 
-    /// Returns the job of the ignored tests whose reasons `is_met`.
     fn job_of_ignored(
         &self,
         said: &str,
@@ -258,7 +249,6 @@ impl Program {
         (!names.is_empty()).then_some(job)
     }
 
-    /// Returns the job of the tests that compare times, one after the other.
     fn quiet_job(&self, ended: &[EndedJob], equipment: &TestEquipment) -> Option<Job> {
         let own = ended.iter().find(|job| job.name == self.name)?;
         let mut job = self.job_of_ignored(&own.output, |reason| reason == QUIET, equipment)?;
@@ -267,12 +257,11 @@ impl Program {
     }
 }
 
-/// Returns the tests that a program has ignored, with the reasons.
 fn ignored(said: &str) -> impl Iterator<Item = (&str, &str)> {
     said.lines().filter_map(|line| line.strip_prefix("test ")?.split_once(" ... ignored, "))
 }
 
-/// Prints the number of passed tests and the parts left out; an error if a test failed.
+/// Prints passed tests and the parts left out; an error if a test failed.
 fn report(ended: &[EndedJob], without: &[Part]) -> Result<()> {
     let failed: Vec<_> = ended.iter().filter(|it| !it.succeeded).map(|it| &*it.name).collect();
     println!("\n{} passed", ended.iter().map(|it| passed(&it.output)).sum::<u64>());
@@ -290,7 +279,6 @@ fn report(ended: &[EndedJob], without: &[Part]) -> Result<()> {
     Ok(())
 }
 
-/// Returns the number of passed tests, from the closing lines of libtest and pytest.
 fn passed(output: &str) -> u64 {
     let count = |line: &str| line.split_once(" passed")?.0.rsplit(' ').next()?.parse::<u64>().ok();
     output.lines().filter_map(count).sum()

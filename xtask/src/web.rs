@@ -1,7 +1,7 @@
-//! The page that fits and converts in a browser: one file, which works from any folder.
+//! The page that fits and converts in a browser: one file for any folder.
 //!
-//! It contains the module and the example data in compressed form, and its Content-Security-Policy lists the
-//! hashes of its scripts and styles.
+//! It contains the module and the example data, compressed, and its Content-Security-Policy lists
+//! the hashes of its scripts and styles.
 
 use std::fs;
 use std::io::Write;
@@ -17,10 +17,9 @@ use crate::compiler::PAGE_TARGET;
 use crate::need;
 use crate::steps::{self, scratch, target, workspace};
 
-/// The largest page, compressed, in bytes.
+/// Largest page, compressed, bytes.
 const LIMIT: usize = 1_700_000;
 
-/// Builds the page and prints its size; returns its file.
 pub(crate) fn build() -> Result<PathBuf> {
     let compiler = need::compiler(PAGE_TARGET)?;
     let arguments = ["build", "--profile", "web", "--package", "shellcal-web", "--lib"];
@@ -35,7 +34,6 @@ pub(crate) fn build() -> Result<PathBuf> {
     let data = |bytes: &[u8]| Ok::<_, anyhow::Error>(base64(&pack(bytes)?));
     let example =
         |name: &str| data(read(&format!("calibration-data/synthetic-{name}.csv"))?.as_bytes());
-    // The style of the reports, because the page shows a report.
     let style = read("crates/report/assets/report.css")? + &read("web/page/page.css")?;
     let script = ["host-cli/assets/live/live.js", "web/page/page.js", "web/page/board.js"];
     let script = script.map(read).into_iter().collect::<Result<String>>()?;
@@ -81,7 +79,7 @@ fn gzip(bytes: &[u8]) -> Result<Vec<u8>> {
     Ok(packed.finish()?)
 }
 
-/// Encodes bytes in base64 (RFC 4648, section 4).
+/// RFC 4648, section 4.
 fn base64(bytes: &[u8]) -> String {
     const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
@@ -100,7 +98,7 @@ fn base64(bytes: &[u8]) -> String {
 mod tests {
     use super::base64;
 
-    /// The test vectors of RFC 4648, section 10.
+    /// RFC 4648, section 10.
     #[test]
     fn texts_equal_those_of_the_standard() {
         let texts = ["", "f", "fo", "foo", "foob", "fooba", "foobar"];

@@ -1,6 +1,4 @@
-//! `cargo xtask check words`: the wording of comments, pages and messages, by the rules of `docs/style.md`.
-//!
-//! Each rule is a constant below. A finding names the file and the line.
+//! `cargo xtask check words`: the wording of comments, pages and messages, by `docs/style.md`.
 
 use std::fs;
 use std::process::Command;
@@ -9,24 +7,22 @@ use anyhow::{Context, Result, ensure};
 
 use crate::steps::{self, workspace};
 
-/// First words that a doc comment must not have: they turn the sentence around.
+/// First words that turn a doc comment around.
 const OPENINGS: [&str; 7] = ["What", "Whatever", "Who", "Whoever", "Of", "Those", "The same"];
 
-/// Doc comments that may begin with `Whether`, as the standard library's do for a `bool`.
+/// Doc comments that may begin with `Whether`, for a `bool`.
 const MOST_WHETHER: usize = 60;
 
-/// Phrases that a reader has to translate, separated by bars.
+/// Phrases to avoid, separated by bars.
 const PHRASES: &str = "that there are|that there is|it cannot be told|is told so|is to be said|is to be done|\
                        of a pose's|square sum|would hold less than|makes up for|make up for|nobody knows|\
                        whoever|as they stand|as it stands|in the mean |of no row|so that none";
 
-/// Code in front of the text of a message.
 const MESSAGES: [&str; 6] = ["#[error(", "bail!(", "anyhow!(", ".note(", ".warning(", ".failure("];
 
-/// Largest number of characters of a message or hint, without its placeholders.
+/// In characters without placeholders.
 const LONGEST: usize = 100;
 
-/// Checks all files of the repository; an error if any has a finding.
 pub(crate) fn check() -> Result<()> {
     let types = ["*.rs", "*.md", "*.py", "*.js", "*.html", "*.toml"];
     let list = ["ls-files", "--", ":!CHANGELOG.md", ":!docs/style.md", ":!xtask/src/words.rs"];
@@ -51,7 +47,6 @@ pub(crate) fn check() -> Result<()> {
     Ok(())
 }
 
-/// The line of each finding, from 1, and its text.
 type Findings = Vec<(usize, String)>;
 
 /// Returns the first line of each doc comment, with its number.
@@ -66,7 +61,7 @@ fn openings(text: &str) -> impl Iterator<Item = (usize, &str)> {
     })
 }
 
-/// Finds phrases, also those that a line break divides.
+/// Finds phrases, also across a line break.
 fn phrases(text: &str) -> Findings {
     let (mut joined, mut starts) = (String::new(), Vec::new());
     for line in text.lines() {
@@ -79,7 +74,6 @@ fn phrases(text: &str) -> Findings {
     found.map(|(at, phrase)| (line(at), format!("`{phrase}`"))).collect()
 }
 
-/// Finds doc comments with a wrong opening, and messages and hints that are too long.
 fn code(text: &str) -> Findings {
     let begins =
         |line: &str, word: &str| line.strip_prefix(word).is_some_and(|rest| rest.starts_with(' '));
@@ -116,8 +110,7 @@ fn code(text: &str) -> Findings {
     findings
 }
 
-/// Reads the string literal at the start of `code`, with its continued lines joined; returns it and its
-/// length in the code.
+/// Reads the string literal at the start of `code`, with continued lines, and its length.
 fn literal(code: &str) -> Option<(String, usize)> {
     let mut rest = code.strip_prefix('"')?;
     let mut text = String::new();

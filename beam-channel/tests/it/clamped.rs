@@ -10,16 +10,14 @@ fn setup(width_m: f64, friction: f64) -> Setup {
     setup
 }
 
-/// The same, but the beams also touch with their faces.
 fn plates(width_m: f64, friction: f64) -> Setup {
     let mut setup = setup(width_m, friction);
     setup.rules.normal = Normal::Plate;
     setup
 }
 
-/// Mean drags of the paper's channels from the elastica's equation, integrated along the beam and shot at the
-/// position of its tip by SciPy 1.17.1, and from MuJoCo 4.0.0 with chains of six hinges whose last link
-/// touches.
+/// Drags by SciPy 1.17.1 (the elastica's equation, shot at the tip's position) and by MuJoCo 4.0.0
+/// (chains of six hinges whose last link touches).
 #[test]
 fn mean_drag_of_clamped_beams_equals_that_of_shooting_and_of_a_physics_engine() {
     for (width_m, shooting_n, engine_n) in
@@ -32,15 +30,15 @@ fn mean_drag_of_clamped_beams_equals_that_of_shooting_and_of_a_physics_engine() 
     }
 }
 
-/// Plates with contact at the face: by shooting for the force and the length up to the contact, and from chains of
-/// twelve hinges. At 1 cm only tips touch.
+/// Plates with contact at the face: by shooting for the force and the length up to the contact, and
+/// from chains of twelve hinges. At 1 cm only tips touch.
 #[test]
 fn mean_drag_of_plates_is_that_of_shooting_and_of_a_physics_engine() {
     for (width_m, shooting_n, engine_n) in [(0.08, 0.2763, 0.2725), (0.06, 0.8884, 0.869)] {
         let plateau = Model::new(&plates(width_m, 0.53)).unwrap().plateau().unwrap();
         // The quadrature over 300 positions is good to 1e-4.
         assert!((plateau.mean_drag_n / shooting_n - 1.0).abs() < 5e-4, "{width_m}: {plateau:?}");
-        // Chains of 6 and 12 hinges give 0.813 and 0.869 N: their error falls with the square of the links, to 0.888 N.
+        // With 6 and 12 hinges 0.813 and 0.869 N: an error by their square, and 0.888 N at last.
         assert!((plateau.mean_drag_n / engine_n - 1.0).abs() < 0.03, "{width_m}: {plateau:?}");
     }
     // The body reaches 3 cm past the tips of plates of 2.7 cm.
@@ -48,7 +46,6 @@ fn mean_drag_of_plates_is_that_of_shooting_and_of_a_physics_engine() {
     assert!(matches!(jams, Err(SetupError::Flattens { .. })), "{jams:?}");
 }
 
-/// Contact changes from tip to face and back without a jump of the drag.
 #[test]
 fn drag_of_plates_is_continuous_between_tip_and_face() {
     let model = Model::new(&plates(0.06, 0.53)).unwrap();
@@ -60,20 +57,19 @@ fn drag_of_plates_is_continuous_between_tip_and_face() {
     let place = |i: u32| side.travel_m() * (f64::from(i) + 0.5) / f64::from(steps);
     let largest = (0..steps).map(|i| drag(place(i)).abs()).fold(0.0, f64::max);
     for i in 1..steps - 20 {
-        // The drag rises from nothing to its largest value over a tenth of the way or more: 0.5 % in a step.
+        // The drag rises to its maximum over a tenth of the way or more: 0.5 % in a step.
         let step = (drag(place(i)) - drag(place(i - 1))).abs();
         assert!(step < 0.01 * largest, "{i}: {step} of {largest}");
     }
 }
 
-/// A beam that a frictionless body hardly touches is a cantilever: a force `P` across it moves its tip by
-/// `P·L³/3EI`.
+/// A beam that a frictionless body hardly touches is a cantilever: `P` moves its tip by `P·L³/3EI`.
 #[test]
 fn force_at_the_first_touch_equals_that_of_a_cantilever() {
     let setup = setup(0.06, 0.0);
     let model = Model::new(&setup).unwrap();
     let side = model.side(Wall::Left).unwrap();
-    // 10⁻⁵ of the way; the next order of the beam's curve is quadratic in its turn.
+    // 10⁻⁵ of the way; the next order of the curve is quadratic in the beam's turn.
     let x_m = -side.engagement_m + 1e-5 * side.travel_m();
     let (_, contact, force) = model.beams(Wall::Left, x_m).next().unwrap();
     let flexural = setup.beam.torsional_stiffness() * setup.beam.length_m;
@@ -81,7 +77,6 @@ fn force_at_the_first_touch_equals_that_of_a_cantilever() {
     assert!((-force.fx_n / across - 1.0).abs() < 1e-3, "{force:?} {across}");
 }
 
-/// The work of the drag agrees between quadrature over the tip's path and sums over positions of the body.
 #[test]
 fn energy_of_clamped_beams_is_the_sum_of_the_drag_over_the_way() {
     let rules = [Normal::Elastica, Normal::Plate];
@@ -127,7 +122,6 @@ fn tips_of_clamped_beams_advance_without_gaps() {
     }
 }
 
-/// The narrow channel with high friction: the tips cannot slide out of the body's way.
 #[test]
 fn friction_that_holds_clamped_tips_jams_the_body() {
     let mut narrow = setup(0.02, 6.0);

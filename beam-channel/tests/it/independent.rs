@@ -1,5 +1,5 @@
-//! Comparison with an independent contact finder: the quartic of a tip on an ellipse, in the tangent of half
-//! the beam's angle, with roots by bisection in double-double arithmetic.
+//! Comparison with an independent contact finder: a quartic in the tangent of half the beam's
+//! angle, with roots by bisection in double-double arithmetic.
 use std::f64::consts::TAU;
 
 use crate::quartic::{Intersection, Tip, intersections};
@@ -9,12 +9,12 @@ use rand_chacha::rand_core::{Rng, SeedableRng};
 
 const GEOMETRIES: u64 = 100_000;
 
-/// Tolerance of `φ`, in rad. Both ends are exact to rounding, and so is the travel in between. Near a release
-/// `φ` depends on the travel by a square root, so 1e-16 of a length can move it by this within 1e-8 of the
-/// path; none of these positions is that close.
+/// Tolerance of `φ`, rad. Both ends and the travel are exact to rounding. Near a release `φ`
+/// depends on the travel by a square root, so 1e-16 of a length moves it by this within 1e-8 of the
+/// path; no position is that close.
 const TOLERANCE: f64 = 1e-12;
 
-/// Threads, each with its own random numbers, so that the geometries do not depend on the machine.
+/// Each has its own random numbers, so that geometries do not depend on the machine.
 const THREADS: u64 = 4;
 
 struct Random(ChaCha8Rng);
@@ -28,13 +28,11 @@ impl Random {
         low + (high - low) * (self.0.next_u64() >> 11) as f64 / (1_u64 << 53) as f64
     }
 
-    /// A log-uniform number.
     fn scale(&mut self, low: f64, high: f64) -> f64 {
         self.between(low.ln(), high.ln()).exp()
     }
 
-    /// Needles along and across, circles, beams much shorter and longer than the body, grazing and nearly
-    /// jammed.
+    /// Needles, circles, beams much shorter and longer than the body, grazing and nearly jammed.
     fn setup(&mut self) -> Setup {
         let mut setup = Setup::default();
         let semi_width_m = self.scale(0.01, 0.1);
@@ -55,7 +53,6 @@ impl Random {
     }
 }
 
-/// The tip as input of the finder.
 fn tip(setup: &Setup, ahead_m: f64) -> Tip {
     let Pose { offset_m, yaw_rad } = setup.pose;
     Tip {
@@ -68,9 +65,8 @@ fn tip(setup: &Setup, ahead_m: f64) -> Tip {
     }
 }
 
-/// Picks the intersection at which the tip lies. For an upright ellipse that is the one furthest forward, as
-/// in the paper. For a yawed ellipse it is the one to which the body has pushed the tip, the first beyond the
-/// first touch, because a yawed ellipse may come round to the tip from behind.
+/// Picks the tip's intersection: of an upright ellipse the one furthest forward, as in the paper;
+/// of a yawed one, which may come round from behind, the first beyond the first touch.
 fn pick(setup: &Setup, side: &Side, found: Vec<Intersection>) -> Option<f64> {
     let found = found.into_iter();
     let beyond = |at: &Intersection| (at.phi - side.first_touch_rad).rem_euclid(TAU);
@@ -82,15 +78,12 @@ fn pick(setup: &Setup, side: &Side, found: Vec<Intersection>) -> Option<f64> {
     picked.map(|at| at.phi)
 }
 
-/// Counts over a number of geometries.
 #[derive(Clone, Copy, Debug, Default)]
 struct Tally {
     in_contact: u64,
-    /// Contacts whose tip had snapped across.
     snapped: u64,
 }
 
-/// Fails if the finder and the crate disagree.
 fn compare(seed: u64, count: u64, make: impl Fn(&mut Random) -> Setup) -> Tally {
     let mut random = Random::new(seed);
     let mut tally = Tally::default();
@@ -101,7 +94,6 @@ fn compare(seed: u64, count: u64, make: impl Fn(&mut Random) -> Setup) -> Tally 
         if side.meets_faces_first() {
             continue;
         }
-        // Somewhat more than the stretch of contact.
         let travel = side.travel_m() * random.between(-0.1, 1.1);
         let ahead = side.engagement_m - travel;
         let found = side.contact_after(side.engagement_m - ahead);

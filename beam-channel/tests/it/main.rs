@@ -1,5 +1,3 @@
-//! The tests of the library, one module per source of truth.
-
 #![allow(clippy::unwrap_used, reason = "a test may panic and say why")]
 
 mod clamped;

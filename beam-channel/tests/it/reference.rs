@@ -178,9 +178,8 @@ fn drag_equals_the_reference_solution() {
     }
 }
 
-/// Mean drag of the paper's robot if the moment of a force about its beam's base balances the spring: from an
-/// independent quadrature over the position of the tip (numpy, 400 Gauss–Legendre nodes), which reproduces
-/// the figures above for the paper's force.
+/// From an independent quadrature over the position of the tip (numpy, 400 Gauss–Legendre nodes),
+/// which reproduces the figures above for the paper's force.
 #[test]
 fn forces_that_balance_their_springs_have_the_means_of_an_independent_computation() {
     for (width_m, expected) in
@@ -204,7 +203,6 @@ fn forces_that_balance_their_springs_have_the_means_of_an_independent_computatio
     }
 }
 
-/// The error names the friction that holds the tips.
 #[test]
 fn a_body_that_friction_holds_is_refused() {
     let rules = Rules { angle: Angle::True, normal: Normal::MomentBalance };

@@ -2,7 +2,6 @@
 use beam_channel::{Angle, Model, Normal, Pose, Rules, Setup, SetupError, Wall};
 use proptest::prelude::*;
 
-/// Calls every function of the model and checks the results.
 fn check(setup: &Setup) -> Result<Model, SetupError> {
     let model = Model::new(setup)?;
     let finite = |what: &str, value: f64| assert!(value.is_finite(), "{what}: {value}, {setup:?}");
@@ -30,7 +29,7 @@ fn check(setup: &Setup) -> Result<Model, SetupError> {
                 assert!(force.deflection_rad >= 0.0 && contact.reach_m >= 0.0);
             }
         }
-        // Beams that are solved together give the same bits as each alone.
+        // Beams solved together give the same bits as each alone.
         let of_wall = |wall| model.beams(wall, x).map(|(_, _, force)| force.fx_n);
         let sum = if setup.pose == Pose::default() {
             2.0 * of_wall(Wall::Left).fold(0.0, |sum, fx| sum + fx)
@@ -134,7 +133,7 @@ fn a_nan_position_has_no_contact() {
     }
 }
 
-/// Arbitrary inputs, beyond what a person might type.
+/// Beyond what a person might type.
 fn setups() -> impl Strategy<Value = Setup> {
     let decades = |low: f64, high: f64| (low.log10()..high.log10()).prop_map(|x| 10_f64.powf(x));
     let rules = prop::sample::select(vec![
@@ -168,13 +167,11 @@ proptest! {
 
     #[test]
     fn random_setups_give_finite_numbers(setup in setups()) {
-        // An error has a name; a success was checked.
         if let Err(error) = check(&setup) {
             prop_assert!(!error.to_string().contains("NaN"));
         }
     }
 
-    /// The channel with left and right exchanged.
     #[test]
     fn a_mirrored_body_has_mirrored_forces(setup in setups(), position in 0.0..1.0_f64) {
         let mut mirrored = setup;
@@ -190,7 +187,7 @@ proptest! {
         prop_assert_eq!(one.contacts, [other.contacts[1], other.contacts[0]]);
     }
 
-    /// Twice the size with the same angles: forces scale with stiffness over length.
+    /// Twice the size: forces scale with stiffness over length.
     #[test]
     fn results_scale_with_the_units(setup in setups(), position in 0.0..1.0_f64) {
         let Ok(model) = Model::new(&setup) else { return Ok(()) };
@@ -210,7 +207,6 @@ proptest! {
         prop_assert_eq!(small.contacts, large.contacts);
     }
 
-    /// Peak and minimum, compared with a fine sweep over one spacing.
     #[test]
     fn no_position_on_the_plateau_has_a_greater_or_smaller_drag(
         semi_width in 0.045..0.06_f64, width in 0.04..0.085_f64, friction in 0.0..3.0_f64,
@@ -228,7 +224,6 @@ proptest! {
             least = least.min(drag(i));
             greatest = greatest.max(drag(i));
         }
-        // Rounding only.
         let slack = 1e-13 * greatest.abs();
         prop_assert!(plateau.peak.drag_n >= greatest - slack, "{plateau:?} {greatest}");
         prop_assert!(plateau.minimum.drag_n <= least + slack, "{plateau:?} {least}");
@@ -242,7 +237,6 @@ proptest! {
     // Each case sums twenty thousand positions.
     #![proptest_config(ProptestConfig::with_cases(30))]
 
-    /// The work equals the integral of the drag, here by the trapezoidal rule over positions.
     #[test]
     fn work_is_the_integral_of_drag(width in 0.04..0.099_f64, friction in 0.0..2.0_f64) {
         let mut setup = Setup::default();

@@ -1,9 +1,9 @@
 //! Output of a recording, usually a file that grows while the recording runs.
 //!
-//! All other results are written completely or not at all ([`output_file`]). A recording is the exception: it
-//! cannot be repeated, so received data reach the file within half a second and stay there if the program
-//! fails. Pieces are written atomically: when the disk is full, the file is cut back to the end of the last
-//! complete piece. Only a kill in the middle of a write may leave a partial line, which readers of logs skip.
+//! All other results are written completely or not at all ([`output_file`]). A recording cannot be
+//! repeated, so received data reach the file within half a second and stay there if the program
+//! fails. When the disk is full, the file is cut back to the last complete piece. Only a kill in
+//! the middle of a write may leave a partial line, which readers of logs skip.
 
 use std::fmt::Debug;
 use std::fs::{self, File, OpenOptions};
@@ -59,8 +59,7 @@ impl AppendWriter {
         Ok(Self { path: path.to_path_buf(), file, length: 0, regular, failed: false })
     }
 
-    /// Checks that the file still has a name: if it was removed while it grew, its content is lost. Outside
-    /// Unix an open file cannot be removed.
+    /// Checks that the file still has a name; outside Unix an open file cannot be removed.
     fn check_there(&self) -> io::Result<()> {
         #[cfg(unix)]
         if std::os::unix::fs::MetadataExt::nlink(&self.file.metadata()?) == 0 {
@@ -77,7 +76,7 @@ impl LogSink for AppendWriter {
         }
         if let Err(source) = self.file.write_all(piece) {
             self.failed = true;
-            // If cutting back fails, a partial line stays at the end; there is no other remedy.
+            // If this fails too, a partial line stays at the end.
             let _ = self.file.set_len(self.length);
             return Err(OutputError::failed(&self.path, source));
         }
@@ -85,7 +84,6 @@ impl LogSink for AppendWriter {
         Ok(())
     }
 
-    /// Closes the file: syncs it to disk, or removes it if it is empty.
     fn close(self: Box<Self>) -> Result<(), OutputError> {
         if !self.regular {
             return Ok(());
@@ -101,8 +99,7 @@ impl LogSink for AppendWriter {
         &self.path
     }
 
-    /// Creates a log with the board's name in its path: `log-2052.csv` next to `log.csv`. If that exists, the
-    /// name is `log-2052-2.csv` and so on, because a running recording cannot ask.
+    /// Creates `log-2052.csv` next to `log.csv`, or else `log-2052-2.csv`: a recording cannot ask.
     fn beside(&self, board: &str) -> Result<Box<dyn LogSink>, OutputError> {
         let stem = self.path.file_stem().unwrap_or_default().to_string_lossy();
         let dot = self.path.extension().map(|it| format!(".{}", it.to_string_lossy()));
@@ -116,12 +113,12 @@ impl LogSink for AppendWriter {
     }
 }
 
-/// Opens a file for appending, and returns whether it is a regular file; devices and pipes are just written
-/// to. An existing file is kept unless `overwrite` is set.
+/// Opens a file for appending, but keeps an existing one unless `overwrite` is set; returns true
+/// for a regular file.
 ///
 /// # Errors
-/// [`OutputError`] if the file cannot be created or its name has the extension of a binary table; if the file
-/// exists, the error's source has kind `AlreadyExists`.
+/// [`OutputError`] if the file cannot be created or its name has the extension of a binary table;
+/// if the file exists, the error's source has kind `AlreadyExists`.
 pub fn open_growing(path: &Path, overwrite: bool) -> Result<(File, bool), OutputError> {
     OutputError::check_text(path)?;
     let is_device = path.exists() && !path.is_file() && !path.is_dir();
@@ -135,5 +132,4 @@ pub fn open_growing(path: &Path, overwrite: bool) -> Result<(File, bool), Output
     Ok((file, !is_device))
 }
 
-/// Maximum number of names tried for the log of another board.
 const MOST_NAMES: u32 = 1000;

@@ -10,24 +10,20 @@ use crate::recording::{
     Annotations, BoardFrame, BoardSource, LiveForces, Losses, ReferenceBeside, RowWriter,
 };
 
-/// Maximum number of frames that wait for a label: 82 s at 100 Hz, in case the view no longer settles them.
+/// Maximum number of frames that wait for a label: 82 s at 100 Hz.
 pub(super) const MOST_WAITING: usize = 8192;
 
-/// Result of one board in a recording of several.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RecordedBoard {
-    /// Address of the board's radio module, or the board's name in its packets.
+    /// Address of the radio module, or the board's name in its packets.
     pub address: String,
-    /// The board's log, if one is written.
     pub log: Option<PathBuf>,
-    /// Distinct frames.
     pub frames: u64,
-    /// Losses, excluding damaged API frames, which cannot be attributed to a board.
+    /// Losses without damaged API frames, which cannot be attributed to a board.
     #[serde(flatten)]
     pub losses: Losses,
 }
 
-/// A board's log during the recording, with the frames on their way into it.
 #[derive(Debug, Default)]
 pub(super) struct BoardLog {
     pub(super) sender: BoardSource,
@@ -38,18 +34,16 @@ pub(super) struct BoardLog {
     pub(super) waiting: Vec<BoardFrame>,
     /// Frames that wait for the reference to reach their time.
     pub(super) behind: Vec<BoardFrame>,
-    /// True if frames wait until they get no more labels.
+    /// True while frames wait for labels.
     pub(super) waits: bool,
-    /// Frames that do not match the log's columns.
     pub(super) other_content: u64,
     pub(super) frames: u64,
-    /// Earliest and latest time of a frame.
     pub(super) extent_us: Option<(i64, i64)>,
 }
 
 impl BoardLog {
-    /// Writes frames, and empties the list. Frames that may still be labelled wait, as do frames that the
-    /// reference has not reached at `now_s`.
+    /// Writes frames and empties the list. Frames that may still be labelled wait, and so do frames
+    /// that the reference has not reached at `now_s`.
     pub(super) fn write(
         &mut self,
         frames: &mut Vec<BoardFrame>,
@@ -90,7 +84,6 @@ impl BoardLog {
         self.write_rows(frames, false, reference)
     }
 
-    /// Writes frames to the log, once it has columns.
     fn write_rows(
         &mut self,
         frames: &mut Vec<BoardFrame>,
@@ -104,7 +97,7 @@ impl BoardLog {
         Ok(log.append(&text)?)
     }
 
-    /// Writes all waiting frames and closes the log. Another log may follow.
+    /// Writes all waiting frames and closes the log; another may follow.
     pub(super) fn close(
         &mut self,
         reference: Option<&mut ReferenceBeside>,
@@ -139,7 +132,6 @@ impl BoardLog {
         }
     }
 
-    /// Returns the board's time from the first frame to the last.
     pub(super) fn board_time_us(&self) -> i64 {
         self.extent_us.map_or(0, |(first, last)| last - first)
     }

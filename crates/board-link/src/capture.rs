@@ -5,18 +5,15 @@
 //! piece:  arrival since the start, µs (u64) | number of bytes (u32) | bytes
 //! ```
 //!
-//! Numbers are little-endian. The times tell how long a board was off or a port was gone, which the bytes do
-//! not. A file that does not begin with this line holds bytes alone, as other programs write them; their
-//! times are unknown.
+//! Numbers are little-endian. The times show how long a board was off or a port was gone. A file
+//! without this first line, from another program, holds bytes alone.
 
 use std::io::{self, BufRead, Read};
 use std::time::Duration;
 
-/// The first line of a file with times.
 const FIRST_LINE: &[u8] = b"shellcal raw 1\n";
 
-/// Encodes bytes that arrived together, the first ones with the file's first line. Bytes without a time stay
-/// as they are.
+/// Encodes bytes that arrived together, the first ones after the file's first line.
 pub(crate) fn piece(bytes: &[u8], arrival: Option<Duration>, is_first: bool) -> Vec<u8> {
     let Some(arrival) = arrival else { return bytes.to_vec() };
     let mut piece = Vec::new();
@@ -32,8 +29,7 @@ pub(crate) fn piece(bytes: &[u8], arrival: Option<Duration>, is_first: bool) -> 
     piece
 }
 
-/// Reads the bytes of a recording, one arrival at a time. A part of a piece at the end, as a kill leaves it,
-/// counts as far as it goes.
+/// Reads recorded bytes, one arrival at a time; after a kill, also the incomplete last piece.
 #[derive(Debug)]
 pub struct CaptureReader<R> {
     input: R,
@@ -43,10 +39,6 @@ pub struct CaptureReader<R> {
 }
 
 impl<R: BufRead> CaptureReader<R> {
-    /// Starts to read.
-    ///
-    /// # Errors
-    /// [`io::Error`] of the input.
     pub fn new(mut input: R) -> io::Result<Self> {
         let has_times = input.fill_buf()?.starts_with(FIRST_LINE);
         if has_times {
@@ -85,7 +77,7 @@ impl<R: BufRead> Read for CaptureReader<R> {
 mod tests {
     use super::*;
 
-    /// All pieces with their times, read into a buffer of this size.
+    /// Reads all pieces with their times into a buffer of this size.
     fn pieces(file: &[u8], size: usize) -> Vec<(Option<Duration>, Vec<u8>)> {
         let (mut reader, mut buffer) = (CaptureReader::new(file).unwrap(), vec![0; size]);
         let mut pieces = Vec::new();

@@ -13,16 +13,14 @@ use super::LinkError;
 use super::record::read_port;
 use crate::recording::PacketWire;
 
-/// Number of attempts before a board counts as not answering.
+/// Attempts before a board counts as not answering.
 pub(crate) const ATTEMPTS: u32 = 5;
 
 /// Timeout of an answer. A radio takes tens of ms, erasing flash 25 ms.
 pub(crate) const WAIT: Duration = Duration::from_millis(400);
 
-/// Time for answers of other boards after the first.
 const OTHERS: Duration = Duration::from_millis(100);
 
-/// The path to the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Uplink {
     pub framing: Framing,
@@ -45,7 +43,6 @@ impl Uplink {
     }
 }
 
-/// The host's end of a conversation with a board.
 #[derive(Debug)]
 pub struct Client<P> {
     port: P,
@@ -55,13 +52,12 @@ pub struct Client<P> {
     number: u16,
     /// The board that commands address. If unset, it is set to the board that answers.
     pub board: Option<BoardId>,
-    /// Serial numbers in the answers to the last command.
     serials: Vec<[u8; 12]>,
 }
 
 impl<P: Read + Write> Client<P> {
-    /// Creates a client on an open port, which is called `name` in errors. Command numbers start after
-    /// `number`: choose one that a late answer to another program is unlikely to carry.
+    /// Creates a client on an open port, called `name` in errors. Choose a `number` that a late
+    /// answer to another program is unlikely to carry.
     pub fn new(port: P, name: &str, uplink: Uplink, number: u16) -> Self {
         let (name, downlink) = (name.to_owned(), PacketWire::new(uplink.framing));
         Self { port, name, uplink, downlink, number, board: None, serials: Vec::new() }
@@ -69,8 +65,8 @@ impl<P: Read + Write> Client<P> {
 
     /// Sends a command repeatedly until its answer arrives.
     ///
-    /// A command that must name its board goes to the board that answers [`Command::Identify`], unless a
-    /// board was chosen.
+    /// Unless a board was chosen, a command for one goes to that which answers
+    /// [`Command::Identify`].
     ///
     /// # Errors
     /// [`LinkError`]: no answer, a refusal, another protocol version, or a lost port.
@@ -98,11 +94,10 @@ impl<P: Read + Write> Client<P> {
         Err(LinkError::NoAnswer { port: self.name.clone(), command, silent })
     }
 
-    /// Returns the answer with the last command's number, `None` if it does not arrive in time.
     fn wait(&mut self, time: Duration, silent: &mut bool) -> Result<Option<Answer>, LinkError> {
         let deadline = Instant::now() + time;
         let mut buffer = [0; 1024];
-        // Read at least once: an answer may have arrived while this process was suspended.
+        // Read at least once: the answer may have arrived while this process was suspended.
         loop {
             let count =
                 read_port(&mut self.port, &mut buffer).map_err(|error| self.lost(&error))?;
@@ -139,10 +134,7 @@ impl<P: Read + Write> Client<P> {
         }
     }
 
-    /// Sends a command whose answer carries no data.
-    ///
-    /// # Errors
-    /// As [`ask`](Self::ask).
+    /// Sends a command whose answer carries no data; fails like [`ask`](Self::ask).
     pub fn order(&mut self, command: Command) -> Result<(), LinkError> {
         match self.ask(command)? {
             Answer::Done => Ok(()),
@@ -153,7 +145,7 @@ impl<P: Read + Write> Client<P> {
     /// Returns the board's identity.
     ///
     /// # Errors
-    /// As [`ask`](Self::ask); [`LinkError::SeveralBoards`] if more than one answers.
+    /// As [`ask`](Self::ask); [`LinkError::SeveralBoards`] if more than one board answers.
     pub fn identify(&mut self) -> Result<Identity, LinkError> {
         let Answer::Identity(identity) = self.ask(Command::Identify)? else {
             return Err(LinkError::WrongAnswer(Command::Identify));
@@ -173,10 +165,7 @@ impl<P: Read + Write> Client<P> {
         }
     }
 
-    /// Returns the board's words before its last reset, or an empty string.
-    ///
-    /// # Errors
-    /// As [`ask`](Self::ask).
+    /// Returns the board's words before its last reset, or ""; fails like [`ask`](Self::ask).
     pub fn last_words(&mut self) -> Result<String, LinkError> {
         let mut words = Vec::new();
         loop {
@@ -192,10 +181,7 @@ impl<P: Read + Write> Client<P> {
         Ok(String::from_utf8_lossy(&words).into_owned())
     }
 
-    /// Returns the rise of each channel under an emitter, in steps of the converter.
-    ///
-    /// # Errors
-    /// As [`ask`](Self::ask).
+    /// Returns each channel's rise under an emitter, in steps; fails like [`ask`](Self::ask).
     pub fn self_test(&mut self, emitter: u8) -> Result<[i16; CHANNELS], LinkError> {
         let command = Command::SelfTest { emitter };
         match self.ask(command)? {
@@ -204,10 +190,7 @@ impl<P: Read + Write> Client<P> {
         }
     }
 
-    /// Returns the board's state.
-    ///
-    /// # Errors
-    /// As [`ask`](Self::ask).
+    /// Returns the board's state; fails like [`ask`](Self::ask).
     pub fn status(&mut self) -> Result<Status, LinkError> {
         match self.ask(Command::Status)? {
             Answer::Status(status) => Ok(status),
@@ -235,8 +218,7 @@ impl<P: Read + Write> Client<P> {
             let offset = (i * MAX_PIECE) as u16;
             self.order(Command::CalibrationPiece { offset, data })?;
         }
-        // The board keeps the upload, so a commit whose answer was lost can be repeated. The status shows the
-        // result.
+        // A commit whose answer was lost can be repeated; the status shows the result.
         self.order(Command::CommitCalibration)?;
         let found = self.status()?.calibration_crc32;
         match found == sent {
@@ -250,7 +232,7 @@ impl<P: Read + Write> Client<P> {
     }
 }
 
-/// Returns a hint on a refused command, such as the values that would be accepted; empty if there is none.
+/// Returns a hint on a refused command, such as the accepted values; empty if there is none.
 pub(crate) fn what_fits(command: &Command, refusal: Refusal) -> String {
     let text = match (refusal, command) {
         (Refusal::PeriodTooShort { shortest_us } | Refusal::LineTooSlow { shortest_us }, _) => {
@@ -288,22 +270,19 @@ pub(crate) fn name_of(command: &Command) -> String {
     }
 }
 
-/// Minimum rise of an emitter's own channel, in steps of the converter; a photointerrupter over a reflector
-/// gives a thousand.
+/// Minimum rise of an emitter's own channel, in converter steps; a reflector gives a thousand.
 const LEAST_RISE: i16 = 100;
 
-/// Maximum rise of another channel, as a share of the own channel's; light that leaks under a shell stays
-/// below.
+/// Maximum rise of another channel, as a share of the own channel's; leaks under a shell are lower.
 const MOST_LEAK: f64 = 0.05;
 
 /// Rise that noise alone can cause, in steps.
 const NOISE: f64 = 8.0;
 
-/// Checks the rise of each channel under an emitter.
+/// Checks that an emitter raises its own channel and no other.
 ///
 /// # Errors
-/// A description of the fault, with channels counted from 1, unless the emitter raises its own channel and no
-/// other.
+/// A description of the fault, with channels counted from 1.
 pub fn judge(emitter: usize, rise: &[i16; CHANNELS]) -> Result<(), String> {
     let number = emitter + 1;
     let own = rise.get(emitter).copied().unwrap_or(0);

@@ -1,6 +1,6 @@
 //! A complete query of a board, and a short recording of its stream.
 //!
-//! The board's state is not changed; a stream that was off is started and stopped again.
+//! The board's state does not change; a stream that was off is stopped again.
 
 use std::io::Write;
 use std::sync::atomic::AtomicBool;
@@ -24,28 +24,27 @@ const BAUDS: [u32; 9] =
 /// Timeout of an unexpected answer. At 9,600 baud that is 240 bytes.
 const GLANCE: Duration = Duration::from_millis(250);
 
-/// Number of bytes that suffices to detect the protocol.
 const ENOUGH: usize = 2048;
 
 #[derive(Clone, Debug)]
 pub struct HandshakeOptions {
     pub port: PortOptions,
-    /// The expected settings of the base station.
     pub uplink: Uplink,
-    /// Duration of the recorded stretch.
     pub listen: Duration,
     /// Number of the first command, which late answers to other programs are unlikely to carry.
     pub number: u16,
 }
 
-/// The kind of data on the port.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Heard {
-    /// A board, at this speed in bits per second, and with this protocol.
-    Board { baud: u32, protocol: Protocol },
-    /// Bytes without a frame, at any speed; `bytes` is the number at the requested speed.
-    Noise { bytes: usize },
-    /// No data, at any speed.
+    Board {
+        baud: u32,
+        protocol: Protocol,
+    },
+    /// Bytes without a frame at any speed; `bytes` counts those at the requested speed.
+    Noise {
+        bytes: usize,
+    },
     #[default]
     Silence,
 }
@@ -56,20 +55,16 @@ pub struct Handshake {
     pub identity: Option<Identity>,
     /// State of the board before its stream was started.
     pub status: Option<Status>,
-    /// The board's last words before its last reset, if that was a crash.
     pub last_words: Option<String>,
     /// The error of a query without an answer.
     pub trouble: Option<LinkError>,
-    /// A stretch of the board's stream; `None` if the handshake ended before it.
+    /// A recorded part of the stream; `None` if the handshake ended before it.
     pub stream: Option<Result<Stretch, RecordError>>,
 }
 
-/// A stretch of a stream.
 #[derive(Clone, Debug)]
 pub struct Stretch {
-    /// Summary of the recording, with its losses.
     pub recorded: Recorded,
-    /// The frames, in order of arrival.
     pub frames: Vec<BoardFrame>,
 }
 
@@ -107,7 +102,6 @@ pub fn handshake(options: &HandshakeOptions, stop: &AtomicBool) -> Result<Handsh
     Ok(found)
 }
 
-/// A watcher that collects the frames.
 #[derive(Debug)]
 struct Keep(Arc<Mutex<Vec<BoardFrame>>>);
 
@@ -127,14 +121,14 @@ fn ask(client: &mut Client<Box<dyn Connection>>, found: &mut Handshake) -> Resul
     Ok(())
 }
 
-/// Listens at the requested speed and, if there is no board, at other speeds.
+/// Listens at the requested speed, then at others if there is no board.
 fn listen(options: &HandshakeOptions) -> Result<Heard, LinkError> {
     let asked = options.port.baud;
     let others = BAUDS.into_iter().filter(|&baud| baud != asked && !options.port.is_tcp());
     let mut at_first = 0;
     for (turn, baud) in [asked].into_iter().chain(others).enumerate() {
         let port = PortOptions { baud, ..options.port.clone() };
-        // Skip speeds that the adapter does not support.
+        // Skip speeds that the adapter lacks.
         let mut port = match port.open() {
             Err(LinkError::Open { .. }) if turn > 0 => continue,
             port => port?,
@@ -143,7 +137,7 @@ fn listen(options: &HandshakeOptions) -> Result<Heard, LinkError> {
         let others = Framing::ALL.into_iter().filter(|&framing| framing != asked_in);
         for framing in [asked_in].into_iter().chain(others) {
             let uplink = Uplink { framing, ..options.uplink };
-            // A failed write only means that no answer comes, which shows below.
+            // A failed write shows below, as a missing answer.
             let _ = port.write_all(&uplink.encode(options.number, None, Command::Identify));
             collect(&mut *port, &mut bytes)
                 .map_err(|error| LinkError::lost(&options.port.port, &error))?;

@@ -1,9 +1,9 @@
 //! The link to a board: serial ports, recording, and commands.
 //!
-//! [`record()`] reads bytes from a [`Source`] (a port, or a file of recorded raw bytes) into a log, through a
-//! [`Recorder`], which needs neither port nor clock, and [`crate::recording`]. [`Client`] sends commands to
-//! the board and waits for its answers. Ports are opened for exclusive use, so only one of the two can have a
-//! port at a time.
+//! [`record()`] reads bytes from a [`Source`] (a port, or a file of raw bytes) into a log, through
+//! a [`Recorder`], which needs neither port nor clock, and [`crate::recording`]. [`Client`] sends
+//! commands and waits for the board's answers. Ports are opened for exclusive use, so only one of
+//! the two can have a port at a time.
 
 #![allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "opens ports, keeps time")]
 
@@ -36,24 +36,20 @@ use shell_data::hint::Hint;
 
 /// Errors between a board and the host.
 ///
-/// System errors are stored as text, so that a lost board cannot be mistaken for a closed output pipe, which
-/// is a normal end.
+/// System errors are text: a lost board must not look like a closed output pipe, a normal end.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum LinkError {
     #[error("there is no port `{0}`")]
     Missing(String),
     #[error("port `{0}` is in use by another program")]
     Busy(String),
-    /// The user has no permission to open the port.
     #[error("no permission to open port `{0}`")]
     Denied(String),
-    /// The port cannot be opened for another reason, given by the system.
     #[error("cannot open port `{port}`: {reason}")]
     Open { port: String, reason: String },
-    /// The port was lost, usually unplugged; with the system's reason.
+    /// The port was lost, usually unplugged.
     #[error("port `{port}` is gone: {reason}")]
     Lost { port: String, reason: String },
-    /// The recording to replay cannot be read, for a reason given by the system.
     #[error("cannot read `{path}`: {reason}")]
     Replay { path: String, reason: String },
     /// A command had no answer in all attempts; if `silent`, not a single byte arrived.
@@ -62,28 +58,22 @@ pub enum LinkError {
         client::name_of(command), client::ATTEMPTS, client::WAIT.as_millis(), if *silent { ", not a byte" } else { "" }
     )]
     NoAnswer { port: String, command: Command, silent: bool },
-    /// The board refused a command, with its reason.
     #[error(
         "the board refuses `{}`: {}{}",
         client::name_of(command), refusal_text(*refusal), client::what_fits(command, *refusal)
     )]
     Refused { command: Command, refusal: Refusal },
-    /// The board speaks another version of the protocol.
     #[error(
         "the board speaks version `{0}` of the protocol, this program version `{VERSION}`",
         VERSION = shared_proto::VERSION
     )]
     OtherVersion(u8),
-    /// A command for one board reached several, with these serial numbers.
     #[error("{} boards answer on `{port}`: {}", serials.len(), serials.iter().map(serial_text).collect::<Vec<_>>().join(", "))]
     SeveralBoards { port: String, serials: Vec<[u8; 12]> },
-    /// An answer of a kind that does not match the command.
     #[error("the board's answer to `{}` is not one to it", client::name_of(_0))]
     WrongAnswer(Command),
-    /// The board's firmware is older than calibrations of this kind.
     #[error("the board's firmware does not know calibrations of kind `{0}`")]
     UnknownKind(&'static str),
-    /// The board's calibration after an upload differs from the one sent: the CRC-32 of both.
     #[error("after the upload the board has calibration {found:#010x}, sent was {sent:#010x}")]
     NotKept { sent: u32, found: u32 },
 }
@@ -159,12 +149,12 @@ fn refusal_text(refusal: Refusal) -> &'static str {
     }
 }
 
-/// Formats a serial number as `shellcal board identify` prints it.
+/// Formats a serial number like `shellcal board identify`.
 pub fn serial_text(serial: &[u8; 12]) -> String {
     serial.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// Formats a board type as `shellcal board identify` prints it.
+/// Formats a board type like `shellcal board identify`.
 pub fn board_text(board: Board) -> String {
     match board {
         Board::Other(code) => format!("number {code}, which this program does not know"),

@@ -1,7 +1,7 @@
-//! Serial ports and connections over TCP: listing, opening, and diagnosis before anything is sent: who may
-//! open a port, which process has it open, and the latency of its adapter.
+//! Serial ports and connections over TCP: listing, opening, and diagnosis.
 //!
-//! Linux exposes all of that in files. On other systems only the result of opening is known.
+//! Linux exposes in files who may open a port, which process has it open, and the latency of its
+//! adapter. On other systems only the result of opening is known.
 
 use std::io::{Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
@@ -15,7 +15,7 @@ use serialport::{ErrorKind, SerialPortType};
 
 use super::LinkError;
 
-/// Timeout of a read, which bounds the response time to Ctrl-C.
+/// Timeout of a read; bounds the response time to Ctrl-C.
 const READ_TIMEOUT: Duration = Duration::from_millis(50);
 
 /// Prefix of a port over TCP: `tcp://HOST:PORT`.
@@ -23,7 +23,6 @@ pub const TCP: &str = "tcp://";
 
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// An open connection to a board.
 pub trait Connection: Read + Write + Send + fmt::Debug {}
 
 impl<C: Read + Write + Send + fmt::Debug + ?Sized> Connection for C {}
@@ -41,16 +40,10 @@ pub struct PortInfo {
     pub port: String,
     /// `usb`, `bluetooth`, `pci` or `unknown`.
     pub kind: &'static str,
-    /// Product and manufacturer, if the system reports them.
     pub description: String,
-    /// Serial number of a USB adapter, if the system reports it.
     pub serial: Option<String>,
 }
 
-/// Lists the serial ports of this computer, by name.
-///
-/// # Errors
-/// The system's error.
 pub fn ports() -> Result<Vec<PortInfo>, serialport::Error> {
     let mut ports: Vec<_> = serialport::available_ports()?
         .into_iter()
@@ -79,10 +72,6 @@ impl PortOptions {
         self.port.starts_with(TCP)
     }
 
-    /// Opens the port for exclusive use.
-    ///
-    /// # Errors
-    /// [`LinkError`], which distinguishes a missing port, a port in use, and a lack of permission.
     pub fn open(&self) -> Result<Box<dyn Connection>, LinkError> {
         if let Some(address) = self.port.strip_prefix(TCP) {
             let connection = connect(address)
@@ -94,7 +83,7 @@ impl PortOptions {
             .timeout(READ_TIMEOUT)
             .open()
             .map_err(|error| self.explain(&error))?;
-        // Data that the system has buffered earlier are stale.
+        // Discard stale data that the system has buffered.
         port.clear(serialport::ClearBuffer::Input).map_err(|error| self.explain(&error))?;
         Ok(Box::new(port))
     }
@@ -113,7 +102,7 @@ impl PortOptions {
     }
 }
 
-/// Connects to the first address of a host that answers; returns the reason if none does.
+/// Connects to the first of a host's addresses that answers.
 fn connect(address: &str) -> Result<TcpStream, String> {
     let named = |error: std::io::Error| format!("{error}; a board over TCP is `tcp://HOST:PORT`");
     let mut reason = "the host has no address".to_owned();
@@ -135,13 +124,9 @@ fn connect(address: &str) -> Result<TcpStream, String> {
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct PortState {
     pub port: String,
-    /// The error of opening the port, if any.
     pub refusal: Option<LinkError>,
-    /// The group with permission to open it.
     pub group: Option<String>,
-    /// True if the process's user is in that group.
     pub in_group: Option<bool>,
-    /// Name and id of a process that has it open.
     pub holder: Option<(String, u32)>,
     /// Latency timer of the USB adapter in ms: its wait for more bytes before it passes on a few.
     pub latency_ms: Option<u32>,
@@ -149,8 +134,7 @@ pub struct PortState {
 }
 
 impl PortState {
-    /// Examines a port, and opens it briefly. `root` is the folder of the system's files: `/`, except in
-    /// tests.
+    /// Examines a port, and opens it briefly. `root` is `/`, except in tests.
     pub fn new(options: &PortOptions, root: &Path) -> Self {
         let path = fs::canonicalize(&options.port).unwrap_or_else(|_| PathBuf::from(&options.port));
         let latency_file = latency_file(&path, root);
@@ -158,7 +142,6 @@ impl PortState {
             fs::read_to_string(file).ok().and_then(|text| text.trim().parse().ok())
         });
         let refusal = options.open().err();
-        // The holder only matters if the port is in use.
         let is_busy = matches!(refusal, Some(LinkError::Busy(_)));
         let holder = if is_busy { holder(&path, root) } else { None };
         let (port, (group, in_group)) = (options.port.clone(), group(&path, root));
@@ -166,14 +149,13 @@ impl PortState {
     }
 }
 
-/// Returns the file with the latency timer of an FTDI adapter.
 fn latency_file(port: &Path, root: &Path) -> Option<PathBuf> {
     let name = port.file_name()?;
     let file = root.join("sys/bus/usb-serial/devices").join(name).join("latency_timer");
     file.exists().then_some(file)
 }
 
-/// Returns a process that has the port open, among those whose files are readable.
+/// Returns a process that has the port open; some processes cannot be seen.
 fn holder(port: &Path, root: &Path) -> Option<(String, u32)> {
     for entry in fs::read_dir(root.join("proc")).ok()?.flatten() {
         let Some(id) = entry.file_name().to_str().and_then(|name| name.parse().ok()) else {
@@ -192,7 +174,7 @@ fn holder(port: &Path, root: &Path) -> Option<(String, u32)> {
     None
 }
 
-/// Returns the group of the port, and whether this process is in it.
+/// Returns the port's group, and whether this process is in it.
 #[cfg(unix)]
 fn group(port: &Path, root: &Path) -> (Option<String>, Option<bool>) {
     use std::os::unix::fs::MetadataExt;
@@ -221,7 +203,6 @@ mod tests {
     use super::*;
     use std::os::unix::fs::{MetadataExt, symlink};
 
-    /// A fake system with the files that the test needs.
     #[test]
     fn adapter_holder_and_group_are_read_from_the_files_of_the_system() {
         let dir = tempfile::tempdir().unwrap();
@@ -244,7 +225,6 @@ mod tests {
         let state = PortState::new(&options, dir.path());
         assert_eq!(state.latency_ms, Some(16));
         assert_eq!((state.group.as_deref(), state.in_group), (Some("dialout"), Some(false)));
-        // A regular file is not a port.
         assert!(matches!(state.refusal, Some(LinkError::Open { .. })), "{state:?}");
         let canonical = fs::canonicalize(at("adapter")).unwrap();
         assert_eq!(holder(&canonical, dir.path()), Some(("minicom".to_owned(), 4242)));

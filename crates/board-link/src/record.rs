@@ -11,14 +11,11 @@ use super::record_options::{RecordError, RecordOptions, RecordingProgress};
 use super::recorder::{Recorded, Recorder, Sinks};
 use super::{Connection, LinkError, PortOptions};
 
-/// Interval between attempts to reopen a lost port.
 const RETRY: Duration = Duration::from_millis(500);
 
-/// Minimum interval between reads of a busy port. Faster data, three frames at 1 kHz, are read together:
-/// waking for each takes three times the processor time.
+/// Minimum interval between reads: waking for each frame at 1 kHz triples the processor time.
 const PACE: Duration = Duration::from_millis(3);
 
-/// A stream of bytes.
 #[derive(Debug)]
 pub struct Source {
     name: String,
@@ -33,15 +30,11 @@ enum Input {
     Capture(CaptureReader<BufReader<File>>),
 }
 
-/// A port, which may be lost and come back.
 #[derive(Debug)]
 struct OpenPort {
     options: PortOptions,
-    /// `None` while the port is lost.
     connection: Option<Box<dyn Connection>>,
-    /// True to wait for a lost port.
     reconnect: bool,
-    /// Time of the last attempt to reopen.
     tried_at: Instant,
     read_at: Instant,
     started: Instant,
@@ -52,7 +45,7 @@ impl Source {
     /// Opens a port. With `reconnect`, a lost port is waited for.
     ///
     /// # Errors
-    /// [`LinkError`] if the port cannot be opened now.
+    /// [`LinkError`] if it cannot be opened now.
     pub fn port(options: PortOptions, reconnect: bool) -> Result<Self, LinkError> {
         let (name, now) = (options.port.clone(), Instant::now());
         let port = OpenPort {
@@ -73,7 +66,7 @@ impl Source {
     /// [`LinkError::Replay`] if it cannot be opened.
     pub fn replay(path: &Path) -> Result<Self, LinkError> {
         let refused = |error: io::Error| replay_error(path.display(), &error);
-        // Checked before opening, since opening a pipe would wait for its writer.
+        // Opening a pipe would wait for its writer.
         if !std::fs::metadata(path).map_err(refused)?.is_file() {
             return Err(refused(io::Error::other("it is not a regular file")));
         }
@@ -82,7 +75,6 @@ impl Source {
         Ok(Self { name: path.display().to_string(), input, reconnections: 0 })
     }
 
-    /// Returns the start of the recording.
     fn started(&self) -> Instant {
         match &self.input {
             Input::Port(port) => port.started,
@@ -90,7 +82,7 @@ impl Source {
         }
     }
 
-    /// Returns the time since the start; in a replay, that of the recording, or zero if unknown.
+    /// Returns the time since the start; in a replay, as recorded, or zero if unknown.
     fn elapsed(&self) -> Duration {
         match &self.input {
             Input::Port(port) => port.started.elapsed(),
@@ -98,10 +90,10 @@ impl Source {
         }
     }
 
-    /// Returns the approximate sending time of bytes read now, since the start, if known.
+    /// Returns the approximate sending time of bytes read now, if known.
     fn arrival(&self) -> Option<Duration> {
         match &self.input {
-            // While a computer sleeps, only its wall clock continues.
+            // Only the wall clock continues while a computer sleeps.
             Input::Port(port) => {
                 Some(port.started.elapsed().max(port.wall.elapsed().unwrap_or_default()))
             }
@@ -109,13 +101,11 @@ impl Source {
         }
     }
 
-    /// Returns true unless the port is lost.
     fn is_connected(&self) -> bool {
         !matches!(&self.input, Input::Port(OpenPort { connection: None, .. }))
     }
 
-    /// Reads bytes into `buffer`, and waits briefly for the first. Returns their number, or `None` at the
-    /// end.
+    /// Reads bytes and waits briefly for the first. Returns their number, `None` at the end.
     fn read(&mut self, buffer: &mut [u8]) -> Result<Option<usize>, LinkError> {
         match &mut self.input {
             Input::Port(port) => port.read(buffer, &mut self.reconnections).map(Some),
@@ -127,8 +117,7 @@ impl Source {
         }
     }
 
-    /// Sends bytes to the board, unless this is a replay. Errors are ignored: the caller repeats commands
-    /// until the board reacts.
+    /// Sends bytes to the board, if any. The caller repeats commands, so errors do not matter.
     fn send(&mut self, bytes: &[u8]) {
         if let Input::Port(OpenPort { connection: Some(connection), .. }) = &mut self.input {
             let _ = connection.write_all(bytes);
@@ -164,13 +153,9 @@ impl OpenPort {
     }
 }
 
-/// Records until the source ends, the time is over or `stop` is set; calls `observe` with the progress about
-/// twice a second.
+/// Records until the end, the duration or `stop`, and calls `observe` about twice a second.
 ///
-/// Every frame that arrived is in the log when this returns, even after an error.
-///
-/// # Errors
-/// [`RecordError`].
+/// When this returns, even with an error, every frame that arrived is in the log.
 pub fn record(
     source: &mut Source,
     sinks: Sinks,
@@ -183,7 +168,6 @@ pub fn record(
     let ran = run(&mut recorder, source, options.duration, stop, observe);
     source.send(&recorder.last_commands());
     let is_about_a_file = |error: &RecordError| matches!(error, RecordError::Output(_));
-    // In any case, the received data are kept.
     let finished = match ran {
         Ok(()) => recorder.finish(),
         Err(error) => Err(recorder.finish().err().filter(is_about_a_file).unwrap_or(error)),
@@ -222,7 +206,6 @@ fn run(
     }
 }
 
-/// Reads the bytes that a port or file has ready, possibly none.
 pub(super) fn read_port(port: &mut (impl Read + ?Sized), buffer: &mut [u8]) -> io::Result<usize> {
     match port.read(buffer) {
         Ok(0) => Err(io::ErrorKind::UnexpectedEof.into()),

@@ -13,31 +13,27 @@ use crate::recording::{BoardFrame, LiveForces, Losses, NoFrame, UnsuitableCalibr
 
 #[derive(Clone, Debug, Default)]
 pub struct RecordOptions {
-    /// The protocol; `None` to detect it.
+    /// `None` to detect it.
     pub protocol: Option<Protocol>,
-    /// Calibration for forces in addition to the readings.
     pub forces: Option<LiveForces>,
-    /// Duration after which the recording ends.
     pub duration: Option<Duration>,
-    /// Uplink for starting the board's stream, restoring it after a restart, and stopping it at the end.
+    /// Uplink that starts the board's stream, restores it after a restart, and stops it at the end.
     pub start: Option<Uplink>,
-    /// Keeps the channels at their sampling times, without alignment to a common time.
     pub as_sampled: bool,
-    /// Enables labels during the recording ([`RecordCommand::Label`]): adds a label column, and delays rows
-    /// of the first board until they are [settled](RecordCommand::Settled), so that a stretch may begin
-    /// before it is found.
+    /// Enables [`RecordCommand::Label`]: adds a column, and delays rows of the first board until
+    /// they are [settled](RecordCommand::Settled), since a block of time is found after its start.
     pub labels: bool,
 }
 
-/// An observer of a recording. It is called on the recording thread, so it must not block.
+/// An observer of a recording, called on the recording thread; it must not block.
 pub trait Watcher: std::fmt::Debug + Send {
-    /// Receives newly arrived frames in order of arrival; with several boards, those of the first.
+    /// Receives new frames in order of arrival; with several boards, those of the first.
     fn see(&mut self, frames: &[BoardFrame]);
 
-    /// Receives the newest wrench of the reference sensor, N and N·m, each time that one has arrived.
+    /// Receives the newest wrench of the reference sensor, N and N·m.
     fn see_reference(&mut self, _wrench: PerAxis<f64>) {}
 
-    /// Returns the next command for the log. Called about twice a second, until it returns `None`.
+    /// Returns the next command; called about twice a second, until it returns `None`.
     fn next_command(&mut self) -> Option<RecordCommand> {
         None
     }
@@ -45,8 +41,7 @@ pub trait Watcher: std::fmt::Debug + Send {
 
 #[derive(Debug)]
 pub enum RecordCommand {
-    /// Starts a new log in place of the current ones; it belongs to the first board, and other boards get
-    /// logs next to it.
+    /// Starts a new log for the first board; other boards get logs next to it.
     Record(Box<dyn LogSink>),
     StopLog,
     /// Adds a flag with the mark's number to the first unwritten row from the frame with this index on.
@@ -54,7 +49,7 @@ pub enum RecordCommand {
         index: i64,
         number: u32,
     },
-    /// Labels the unwritten rows of a stretch of the first board.
+    /// Labels the unwritten rows of a block of time of the first board.
     Label(FrameLabel),
     /// Declares that frames of the first board before this index get no more labels.
     Settled(i64),
@@ -63,7 +58,6 @@ pub enum RecordCommand {
 /// Progress of a recording, reported about twice a second.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RecordingProgress {
-    /// Time since the start.
     pub elapsed: Duration,
     pub rate_hz: f64,
     pub frames: u64,
@@ -73,18 +67,17 @@ pub struct RecordingProgress {
     pub connected: bool,
     /// The newest wrench in N and N·m, if forces are enabled.
     pub wrench: Option<AxisValues<f64>>,
-    /// Bytes to send, so that boards continue to stream; usually empty.
+    /// Bytes to send so that boards continue to stream; usually empty.
     pub commands: Vec<u8>,
 }
 
-/// An error that ends a recording early. The data received until then are in the files.
+/// An error that ends a recording early; the data received until then are in the files.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
     #[error(transparent)]
     Link(#[from] LinkError),
     #[error(transparent)]
     Output(#[from] OutputError),
-    /// No frame in the data of the port or file, with the reason.
     #[error("`{source_name}`: {problem}")]
     NoFrame { source_name: String, problem: NoFrame },
     #[error(transparent)]
@@ -92,7 +85,6 @@ pub enum RecordError {
     /// A reference was requested, but the board itself sends wrenches.
     #[error("the board sends wrenches, and the reference belongs beside readings")]
     ReferenceBesideWrenches,
-    /// The low-pass of the forces is impossible.
     #[error(transparent)]
     Forces(#[from] forces::ForceError),
 }

@@ -1,5 +1,5 @@
-//! The core of a recording, without port and clock: [`record`](super::record()) feeds it the bytes of a port,
-//! a web page the bytes that it reads itself.
+//! The core of a recording, without port and clock: [`record`](super::record()) or a web page feeds
+//! it.
 
 use std::time::{Duration, Instant};
 
@@ -18,21 +18,21 @@ use crate::recording::{
     ReferenceBeside, ReferenceInput, other_version, protocol_name,
 };
 
-/// Time for which frames wait for earlier ones that may arrive late. A kill loses that much, plus the data
-/// that protocol detection holds at the start.
+/// Time for which frames wait for earlier ones that may arrive late. A kill loses that much, and at
+/// the start what the detection of the protocol holds.
 const FLUSH: Duration = Duration::from_millis(400);
 
-/// Maximum number of waiting frames, which bounds memory in a replay.
+/// Maximum number of waiting frames; bounds memory in a replay.
 const BATCH: usize = 4096;
 
 #[derive(Debug, Default)]
 pub struct Sinks {
-    /// The log; with several boards, of the first one. Logs of the others are created next to it.
+    /// The log of the first board. Logs of others are created next to it.
     pub log: Option<Box<dyn LogSink>>,
     /// The bytes as they arrive, with their times ([`CaptureReader`](super::CaptureReader)).
     pub raw: Option<Box<dyn LogSink>>,
     pub watcher: Option<Box<dyn Watcher>>,
-    /// A reference sensor, whose forces go to the log of the first board.
+    /// A reference sensor, whose forces go to the first board's log.
     pub reference: Option<ReferenceInput>,
 }
 
@@ -40,92 +40,72 @@ pub struct Sinks {
 pub struct Recorded {
     /// The protocol, `None` if no data arrived.
     pub framing: Option<&'static str>,
-    /// Distinct frames, all of them written.
     pub frames: u64,
     pub bytes: u64,
     /// The board's time from the first frame to the last, s.
     pub board_time_s: f64,
-    /// Duration of the recording, s.
     pub elapsed_s: f64,
     #[serde(flatten)]
     pub losses: Losses,
-    /// Frames that are not in the log because they hold wrenches and the first held readings, or vice versa.
+    /// Frames left out because they hold wrenches and the first held readings, or vice versa.
     pub other_content: u64,
-    /// Number of times that a lost port has come back.
     pub reconnections: u64,
-    /// The board's message at its last start, if any.
     #[serde(skip)]
     pub boot: Option<Boot>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reference: Option<RecordedReference>,
-    /// The results of the boards, if there are several.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub boards: Vec<RecordedBoard>,
 }
 
-/// A running recording: takes bytes and times, writes lines of logs. It reads no clock and no port.
 #[derive(Debug, Default)]
 pub struct Recorder {
     name: String,
     recognition: Recognition,
-    /// Set once the protocol is known.
     receiving: Option<(Protocol, Boards)>,
     options: RecordOptions,
-    /// The outputs; the first board takes the log.
     sinks: Sinks,
-    /// The reference, once the recording has started.
     reference: Option<ReferenceBeside>,
-    /// The latest known time since the start.
     now: Duration,
-    /// Number of waiting frames of the first board that the watcher has seen.
     shown: usize,
-    /// Annotations for the first board's log, until that exists.
     annotations: Annotations,
-    /// One log per board, in order of their first frames.
+    /// Logs in order of the boards' first frames.
     logs: Vec<BoardLog>,
     bytes: u64,
     flushed_at: Duration,
-    /// Number of frames at that time.
     observed: u64,
 }
 
 impl Recorder {
-    /// Creates a recorder for a port or file of this name.
+    /// Creates a recorder; `name` is the port or file.
     pub fn new(name: &str, sinks: Sinks, options: RecordOptions) -> Self {
         let recognition = Recognition::new(options.protocol);
         Self { name: name.to_owned(), recognition, options, sinks, ..Self::default() }
     }
 
-    /// Starts to listen to the reference. `epoch` is the start of the recording.
     pub(crate) fn start_reference(&mut self, epoch: Instant) {
         let input = self.sinks.reference.take();
         self.reference = input.map(|input| ReferenceBeside::new(input, epoch));
     }
 
-    /// Returns the bytes to send at `arrival`, so that every board streams; none without
-    /// [`RecordOptions::start`].
+    /// Returns the bytes that let every board stream; none without [`RecordOptions::start`].
     pub fn commands(&mut self, arrival: Option<Duration>) -> Vec<u8> {
         let Some(uplink) = &self.options.start else { return Vec::new() };
         let heard = self.receiving.as_mut().map_or(&mut [][..], |(_, boards)| &mut boards.heard);
         commands(uplink, heard, arrival.unwrap_or_default())
     }
 
-    /// Returns the bytes to send at the end, so that started boards stop.
     pub fn last_commands(&self) -> Vec<u8> {
         let Some(uplink) = &self.options.start else { return Vec::new() };
-        // Sent twice, in case the first is lost: no code waits for the answer.
+        // Sent twice in case the first is lost.
         (0..2).flat_map(|number| uplink.encode(number, None, Command::Stop)).collect()
     }
 
-    /// Returns the identities that the boards have reported since the start.
     pub fn identities(&self) -> impl Iterator<Item = Identity> {
         heard(&self.receiving).iter().filter_map(|board| board.reception.identity)
     }
 
-    /// Writes the data due at `now`, a time since the start; returns the progress about twice a second.
-    ///
-    /// # Errors
-    /// [`RecordError`].
+    /// Writes the data due at `now`, since the start; returns the progress about twice a second.
     pub fn tend(
         &mut self,
         now: Duration,
@@ -164,8 +144,7 @@ impl Recorder {
         }))
     }
 
-    /// Takes bytes that arrived at `now`, a time since the start; `arrival` is their approximate sending
-    /// time, if known.
+    /// Takes bytes that arrived at `now`, a time since the start, and were sent about at `arrival`.
     ///
     /// # Errors
     /// [`RecordError::NoFrame`] once frames are unlikely to come.
@@ -210,7 +189,6 @@ impl Recorder {
         RecordError::NoFrame { source_name: self.name.clone(), problem }
     }
 
-    /// Passes newly arrived frames of the first board to the watcher and the reference.
     fn show(&mut self) {
         if self.sinks.watcher.is_none() && self.reference.is_none() {
             return;
@@ -237,13 +215,13 @@ impl Recorder {
         let Some((protocol, mut boards)) = self.receiving.take() else { return Ok(()) };
         let is_numbered = matches!(protocol, Protocol::Packets(_));
         let with_frames = boards.heard.iter_mut().filter(|board| !board.frames.is_empty());
-        // One log that fails does not keep the frames of others from theirs.
+        // One failing log does not keep frames from the others.
         let written: Vec<_> = with_frames.map(|board| self.write(board, is_numbered)).collect();
         self.receiving = Some((protocol, boards));
         written.into_iter().collect()
     }
 
-    /// Writes the frames of a board to its log, which the first of them creates.
+    /// Writes a board's frames to its log, and creates the log for the first.
     fn write(&mut self, board: &mut HeardBoard, is_numbered: bool) -> Result<(), RecordError> {
         let sender = board.sender;
         let known = self.logs.iter().position(|log| log.sender == sender);
@@ -262,7 +240,7 @@ impl Recorder {
         self.logs[at].write(&mut board.frames, is_numbered, (forces, &self.options), beside)
     }
 
-    /// Executes the watcher's commands. All frames seen before a command go to the old log.
+    /// Executes the watcher's commands. Earlier frames go to the old log.
     fn follow(&mut self) -> Result<(), RecordError> {
         while let Some(command) =
             self.sinks.watcher.as_mut().and_then(|watcher| watcher.next_command())
@@ -305,13 +283,12 @@ impl Recorder {
     /// # Errors
     /// [`RecordError`], after everything that can be written is written.
     pub fn finish(&mut self) -> Result<(), RecordError> {
-        // Empty if the protocol was recognised before.
         let recognised = self.recognition.finish();
         let recognised = self.recognised(recognised);
         if let Some((_, boards)) = &mut self.receiving {
             boards.finish();
         }
-        // Handles marks and labels that were set just before the end.
+        // Includes marks and labels from just before the end.
         let written = [self.follow(), self.flush()];
         if let Some(reference) = &mut self.reference {
             reference.listen();
@@ -328,7 +305,6 @@ impl Recorder {
         }
     }
 
-    /// Returns the number of frames of all boards so far.
     fn frames(&self) -> u64 {
         self.logs.iter().map(|log| log.frames).sum::<u64>() + self.waiting() as u64
     }
@@ -341,7 +317,6 @@ impl Recorder {
         self.receiving.as_ref().map(|(protocol, boards)| (*protocol, boards.losses())).unzip()
     }
 
-    /// Returns the summary after this time.
     pub fn recorded(&self, elapsed: Duration) -> Recorded {
         let (protocol, losses) = self.state();
         let longest_us = self.logs.iter().map(BoardLog::board_time_us).max().unwrap_or(0);
@@ -366,9 +341,6 @@ impl Recorder {
     }
 
     /// Closes all files, even if closing one fails.
-    ///
-    /// # Errors
-    /// [`RecordError::Output`].
     pub fn close(&mut self) -> Result<(), RecordError> {
         let logs = self.logs.iter_mut().filter_map(|board| board.log.take());
         let sinks = logs.chain(self.sinks.log.take()).chain(self.sinks.raw.take());
@@ -381,7 +353,7 @@ fn heard(receiving: &Option<(Protocol, Boards)>) -> &[HeardBoard] {
     receiving.as_ref().map_or(&[], |(_, boards)| &boards.heard)
 }
 
-/// Creates the log of the next board: first the requested one, then others next to it.
+/// Creates the next board's log: the requested one, then others next to it.
 fn log_of(
     first: &mut Option<Box<dyn LogSink>>,
     logs: &[BoardLog],
@@ -422,7 +394,6 @@ mod tests {
         Some(Box::new(Wants(commands.into_iter().collect())))
     }
 
-    /// Frames of a board at 100 Hz.
     fn bytes_of(frames: std::ops::Range<u16>) -> Vec<u8> {
         let sample = |sequence: u16| Sample {
             sequence,
@@ -450,9 +421,8 @@ mod tests {
         session.follow().unwrap();
         session.take(&bytes_of(1000..1500), Duration::ZERO, None).unwrap();
         session.flush().unwrap();
-        // The last rows wait for the next few frames, which alignment to a common time needs.
+        // The last rows wait for the few frames that alignment needs.
         assert!((390..=400).contains(&rows()), "{} rows", rows());
-        // Eleven seconds late, without any later frame.
         let label = FrameLabel { from: 400, until: 499, group: "ahead".to_owned() };
         session.sinks.watcher = wants([RecordCommand::Label(label), RecordCommand::StopLog]);
         session.follow().unwrap();
@@ -461,7 +431,6 @@ mod tests {
         assert!(rows() >= 1400, "{} rows", rows());
     }
 
-    /// A log on a full disk.
     #[derive(Debug)]
     struct FullLog(std::path::PathBuf);
 
@@ -503,8 +472,7 @@ mod tests {
         assert_eq!(std::fs::read_to_string(log).unwrap().lines().count(), 501);
     }
 
-    /// A killed recording keeps all but its last second, after an initial wait of 1.2 s for the board's
-    /// timing.
+    /// A kill loses at most the last second, after 1.2 s of waiting for the board's timing.
     #[test]
     fn frames_are_written_within_a_second() {
         let dir = tempfile::tempdir().unwrap();

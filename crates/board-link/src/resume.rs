@@ -10,7 +10,7 @@ use crate::recording::HeardBoard;
 /// Duration of a silence after which a board is asked for its state.
 const SILENCE: Duration = Duration::from_secs(1);
 
-/// Returns the bytes to send now so that every board streams as it did at first; usually none.
+/// Returns the bytes to send now so that every board streams as at first; usually none.
 pub(super) fn commands(uplink: &Uplink, heard: &mut [HeardBoard], now: Duration) -> Vec<u8> {
     let mut bytes = Vec::new();
     if heard.is_empty() {
@@ -21,7 +21,6 @@ pub(super) fn commands(uplink: &Uplink, heard: &mut [HeardBoard], now: Duration)
         let (identity, status) = (reception.identity, reception.status);
         match (&board.started, identity, status) {
             (None, Some(_), Some(status)) if status.streaming => board.started = Some(status),
-            // Version 2 reports neither.
             (None, ..) if reception.start.is_some() => {
                 let commands = [Command::Identify, Command::Start, Command::Status];
                 bytes.extend(to_all(uplink, &commands));
@@ -56,8 +55,8 @@ fn is_as(wanted: &Status, status: &Status) -> bool {
     status.streaming && settings(status) == settings(wanted)
 }
 
-/// Returns the commands that restore settings and stream. The order in which settings fit depends on the
-/// longer of the two, so the commands for the conversions come before the period and after it.
+/// Returns the commands that restore settings and stream. The longer of the two settings decides
+/// which order fits, so the commands for conversions come before and after the period.
 fn restart(uplink: &Uplink, identity: &Identity, wanted: &Status) -> Vec<u8> {
     let Status { period_us, conversions, settling_us, stream, .. } = *wanted;
     let settling = Command::SetSettling { settling_us };

@@ -9,24 +9,18 @@ use calibration::physics::{PhysicsModel, Sensor};
 use calibration::{Basis, Calibration, Kind, Polynomial};
 use shell_data::wrench::Axes;
 
-/// Why a calibration cannot be used on the board.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NotForBoard {
-    /// The board does not compute models of this kind.
     #[error("the board computes models `linear`, `cubic` and `physics`, this calibration is `{0}`")]
     Basis(&'static str),
-    /// The calibration has another number of channels.
     #[error("the board has {CHANNELS} channels, this calibration is for {0}")]
     Channels(usize),
-    /// The calibration has fewer axes than the board sends.
     #[error(
         "the board needs all six axes, this calibration gives {0}: stream readings, and convert on the host"
     )]
     Axes(Axes),
-    /// The board keeps no memory of past readings.
     #[error("the board computes no memory terms: stream readings, and convert them on the host")]
     MemoryTerms,
-    /// A number is out of the board's range.
     #[error("a number of the calibration is too large for the board's single precision")]
     Overflow,
 }
@@ -38,11 +32,7 @@ impl Hint for NotForBoard {
     }
 }
 
-/// Converts a calibration to single precision, for readings in counts of 1/[`COUNTS_PER_LSB`] step of the
-/// converter.
-///
-/// # Errors
-/// [`NotForBoard`].
+/// Converts a calibration to single precision, for readings in counts of 1/[`COUNTS_PER_LSB`] step.
 pub fn for_board(calibration: &Calibration) -> Result<shared_proto::Calibration, NotForBoard> {
     let channels = calibration.channels();
     if channels != CHANNELS {
@@ -83,7 +73,7 @@ fn cubic(polynomial: &Polynomial) -> Result<Cubic, NotForBoard> {
         let row = row.map(|value| value as f32);
         match term.factors() {
             [] => board.intercept = row,
-            // In these models a term is a power of one channel.
+            // A term of these models is a power of one channel.
             factors @ [channel, ..] => {
                 board.coefficients[3 * usize::from(*channel) + factors.len() - 1] = row;
             }
@@ -92,8 +82,8 @@ fn cubic(polynomial: &Polynomial) -> Result<Cubic, NotForBoard> {
     Ok(board)
 }
 
-/// Converts a physics model to single precision, for readings in counts of 1/[`COUNTS_PER_LSB`] step of the
-/// converter. The board solves for the wrench alone: factors shared by the sensors become noise of each.
+/// Converts a physics model to single precision, for readings in counts of 1/[`COUNTS_PER_LSB`]
+/// step. The board solves for the wrench alone: factors shared by the sensors become noise of each.
 fn physics(model: &PhysicsModel) -> Physics {
     let model = model.without_factors();
     let mut sensors = [PhysicsSensor::default(); CHANNELS];
@@ -131,14 +121,13 @@ fn one_for_board(sensor: &Sensor) -> PhysicsSensor {
     }
 }
 
-/// Packs the lower triangle of a matrix, row by row.
 fn pack(packed: &mut [f32], at: impl Fn(usize, usize) -> f64, rows: usize) {
     let positions = (0..rows).flat_map(|i| (0..=i).map(move |j| (i, j)));
     packed.iter_mut().zip(positions).for_each(|(value, (i, j))| *value = at(i, j) as f32);
 }
 
-/// Returns the lower factor of a covariance `L·Lᵀ` (Golub & Van Loan, 4th ed., §4.2.8). A direction without
-/// variance left after rounding is zero.
+/// Returns the lower factor of a covariance `L·Lᵀ` (Golub & Van Loan, 4th ed., §4.2.8). A direction
+/// without variance after rounding is zero.
 fn factor<const N: usize>(covariance: &[[f64; N]; N]) -> [[f64; N]; N] {
     let mut l = [[0.0; N]; N];
     for j in 0..N {
@@ -171,7 +160,7 @@ mod tests {
         Calibration::new(model, scaling, coefficients)
     }
 
-    /// The wrench by the definition of the upload's layout, in double precision.
+    /// Computes the wrench from the upload's layout, in double precision.
     fn on_the_board(calibration: &Cubic, counts: [u16; 8]) -> [f64; 6] {
         std::array::from_fn(|axis| {
             let features = (0..FEATURES).map(|j| {

@@ -10,7 +10,7 @@ use board_link::recording::{BoardFrame, Losses, Measured, protocol_name};
 use board_link::{Handshake, Heard, LinkError, Stretch, for_board, serial_text};
 use log_file::summary::LogSummary;
 
-/// The observations of a board, and the expectations to check them against.
+/// Observations of a board, and expectations.
 #[derive(Clone, Copy, Debug)]
 pub struct BoardObservations<'a> {
     /// The board's answers.
@@ -127,7 +127,7 @@ fn check_identity(identity: &Identity, facts: &BoardObservations<'_>, findings: 
         ),
         false => Finding::fine("firmware", format!("version {has}")),
     });
-    // A label may be any text; if it looks like a board's serial number, it is compared as one.
+    // A label that looks like a board's serial number is compared as one.
     let label = facts.calibration.and_then(|(_, label)| label);
     let serial = serial_text(&identity.serial);
     let is_number =
@@ -187,7 +187,6 @@ fn reset(status: &Status, facts: &BoardObservations<'_>) -> Finding {
     }
 }
 
-/// Compares the calibration on the board with that in the file.
 fn calibrated(status: &Status, facts: &BoardObservations<'_>) -> Option<Finding> {
     let is_streaming_wrenches = status.stream == Stream::Wrench;
     if !status.calibrated {
@@ -268,7 +267,7 @@ fn check_losses(stretch: &Stretch, findings: &mut Vec<Finding>) {
     }
 }
 
-/// The frames in order of index, with their readings if all frames have some.
+/// Returns the frames in order of index, with readings if all have some.
 fn in_order(frames: &[BoardFrame]) -> Block {
     let mut ordered: Vec<&BoardFrame> = frames.iter().collect();
     ordered.sort_by_key(|frame| frame.index);

@@ -14,26 +14,25 @@ use crate::channels::channel_name;
 use crate::{Finding, percent};
 use calibration_file::{CalibrationFile, Diagnostics};
 
-/// Above this condition number, the last ten or so digits of a coefficient are in doubt.
+/// Above it, the last ten or so digits of a coefficient are in doubt.
 const CONDITION: f64 = 1e6;
 
-/// Limit on the ratio of the error on new data to that on the training data.
+/// Limit of the error on new data over that on the training data.
 const OVERFIT: f64 = 2.0;
 
-/// With fewer rows per feature, a fit follows the noise instead of averaging it.
+/// With fewer rows per feature, a fit follows the noise.
 const ROWS_PER_FEATURE: u64 = 10;
 
-/// The minimum explained share of the variance of an axis.
+/// Minimum explained share of an axis's variance.
 const EXPLAINED: f64 = 0.9;
 
-/// A calibration older than this should be repeated, or at least tested.
+/// An older calibration should be repeated, or at least tested.
 const OLD_DAYS: f64 = 365.0;
 
-/// Limit on the share of training rows that were skipped as invalid.
+/// Limit of training rows skipped as invalid.
 const SKIPPED: f64 = 0.01;
 
-/// Reads a calibration file, and checks it. `age` returns the number of days since a date, `None` if it is
-/// not a date.
+/// Reads and checks a calibration file. `age` returns the days since a date.
 pub fn examine_calibration(path: &Path, age: &dyn Fn(&str) -> Option<f64>) -> Vec<Finding> {
     let file = match CalibrationFile::read(path) {
         Ok(file) => file,
@@ -100,7 +99,6 @@ fn check_skipped(known: &Diagnostics, findings: &mut Vec<Finding>) {
     }
 }
 
-/// Checks that the training data determine this number of features of a polynomial.
 fn check_features(known: &Diagnostics, features: usize, findings: &mut Vec<Finding>) {
     let Diagnostics { rank, rows, condition, .. } = *known;
     if rank < features {
@@ -138,7 +136,6 @@ fn check_leaks(known: &Diagnostics, findings: &mut Vec<Finding>) {
     }
 }
 
-/// Compares the errors on new data with those on the training data.
 fn check_errors(known: &Diagnostics, axes: Axes, findings: &mut Vec<Finding>) {
     let tested = known.test.filter(|_| known.test_leak.is_none());
     let tested = tested.map(|test| ("test data", test.map(|axis| axis.rms)));
@@ -166,7 +163,7 @@ fn check_errors(known: &Diagnostics, axes: Axes, findings: &mut Vec<Finding>) {
     }
 }
 
-/// Checks for axes that the calibration hardly explains, even in its own training data.
+/// Checks for axes hardly explained even in the training data.
 fn check_explained(known: &Diagnostics, axes: Axes, findings: &mut Vec<Finding>) {
     let errors = known.test.as_ref().unwrap_or(&known.train);
     for axis in axes.iter() {
@@ -214,8 +211,7 @@ fn check_ranges(calibration: &Calibration, names: &[String], findings: &mut Vec<
     }
 }
 
-/// Returns true if the readings of a converter reached an end of its range. Volts and fractions have no such
-/// ends.
+/// Returns true for a converter's readings at an end; volts and fractions have no such ends.
 fn is_at_an_end(range: &ReadingRange) -> bool {
     let converter = Converter::of_extremes(range.min, range.max);
     converter.is_some_and(|of| of.is_at_end(range.min) || of.is_at_end(range.max))

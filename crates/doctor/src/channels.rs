@@ -5,18 +5,16 @@ use calibration::Calibration;
 use crate::{Finding, FindingSeverity, percent};
 use log_file::summary::LogSummary;
 
-/// The minimum number of frames for a check of a channel.
 pub(crate) const ENOUGH_FRAMES: u64 = 20;
 
-/// The minimum gain in certainty of forces from an exchange of two channels. Noise and creep make some
-/// exchange slightly better in any case.
+/// Minimum gain in certainty of forces from an exchange of two channels, above noise and creep.
 const UNLIKELY: f64 = 2.0;
 
-/// Shares of frames outside the calibrated range: of a warning, and of a fault.
+/// Shares of frames outside the calibrated range: warning and fault.
 const OUTSIDE: [f64; 2] = [0.05, 0.5];
 
-/// Checks for saturated, dead, quiet, identical and swapped channels. `identical` lists the pairs with equal
-/// readings in every row. `names` are the channels' own names; missing names become s1, s2, ….
+/// Checks for saturated, dead, quiet, identical and swapped channels. `identical` lists pairs with
+/// equal readings in every row; channels without `names` are s1, s2, ….
 pub(crate) fn check_channels(
     summary: &LogSummary,
     names: &[String],
@@ -79,14 +77,12 @@ pub(crate) fn check_channels(
     }
 }
 
-/// The name of a channel in its log.
 pub(crate) fn channel_name(names: &[String], channel: usize) -> String {
     let name = names.get(channel).filter(|name| !name.is_empty());
     name.cloned().unwrap_or_else(|| format!("s{}", channel + 1))
 }
 
-/// Removes the side effects of swapped channels: a swap triggers several checks, and moves readings out of
-/// their ranges, but is reported once.
+/// Removes side effects of swapped channels: other checks fail, and readings leave their ranges.
 pub(crate) fn without_consequences(findings: &mut Vec<Finding>) {
     const SWAPPED: &str = "channels-swapped";
     if findings.iter().any(|finding| finding.check == SWAPPED) {
@@ -101,9 +97,8 @@ pub(crate) fn without_consequences(findings: &mut Vec<Finding>) {
 
 /// Finds two channels with exchanged readings.
 ///
-/// Eight channels measure six loads. Readings that no load can cause lie far from all training data, which
-/// shows in the standard errors of their forces. If an exchange of two channels brings them back, the
-/// channels are swapped.
+/// Readings that no load can cause lie far from all training data, which shows in the standard
+/// errors of their forces. If an exchange brings them back, the channels are swapped.
 fn swapped(summary: &LogSummary, names: &[String], calibration: &Calibration) -> Option<Finding> {
     if summary.readings.len() != calibration.channels() {
         return None;
@@ -124,7 +119,6 @@ fn swapped(summary: &LogSummary, names: &[String], calibration: &Calibration) ->
     })
 }
 
-/// The exchange of two channels with the highest score of the readings, and this score.
 pub(crate) fn best_exchange(
     readings: &[Vec<f64>],
     score: impl Fn(&[Vec<f64>]) -> Option<f64>,
@@ -142,7 +136,6 @@ pub(crate) fn best_exchange(
     best
 }
 
-/// The finding for two swapped channels.
 pub(crate) fn exchanged(names: &[String], (first, second): (usize, usize), then: &str) -> Finding {
     let [first, second] = [first, second].map(|channel| channel_name(names, channel));
     let seen = format!("with {first} and {second} exchanged, {then}");
@@ -150,7 +143,6 @@ pub(crate) fn exchanged(names: &[String], (first, second): (usize, usize), then:
     Finding::fault("channels-swapped", seen, advice)
 }
 
-/// Checks for rows outside the range of the training data.
 pub(crate) fn outside(rows: u64, of: u64) -> Option<Finding> {
     let share = rows as f64 / of.max(1) as f64;
     let seen = format!("{} of the frames are outside the calibrated range", percent(share));
@@ -164,7 +156,7 @@ fn pairs(columns: usize) -> impl Iterator<Item = (usize, usize)> {
     (0..columns).flat_map(move |first| (first + 1..columns).map(move |second| (first, second)))
 }
 
-/// Pairs of equal columns, restricted to those in `before` if given.
+/// Returns pairs of equal columns, among those in `before` if given.
 pub(crate) fn identical_in(
     columns: &[Vec<f64>],
     before: Option<Vec<(usize, usize)>>,

@@ -4,12 +4,11 @@
 //! port, board, file ─▶ observations ─▶ checks ─▶ findings
 //! ```
 //!
-//! Checks take observations and return [`Finding`]s, each with an observation and advice. [`check_port`] and
-//! [`check_board`] are pure, once [`board_link::handshake`] has queried the board. [`examine_log`] and
-//! [`examine_calibration`] read files first; [`check_rows`] takes rows in memory.
+//! Checks return [`Finding`]s, each with an observation and advice. [`check_port`] and
+//! [`check_board`] are pure, once [`board_link::handshake`] has queried the board. [`examine_log`]
+//! and [`examine_calibration`] read files; [`check_rows`] takes rows in memory.
 //!
-//! A [`FindingSeverity::Fault`] makes results wrong or impossible. A [`FindingSeverity::Warning`] may make
-//! them wrong, or makes them worse than necessary.
+//!
 
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
@@ -49,7 +48,7 @@ pub enum FindingSeverity {
 /// The result of one check.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Finding {
-    /// The name of the check, which is stable: `losses`, `channel-dead`.
+    /// Stable name of the check: `losses`, `channel-dead`.
     pub check: &'static str,
     /// Its severity.
     pub severity: FindingSeverity,
@@ -70,12 +69,11 @@ impl Finding {
         Self { check, severity: FindingSeverity::Warning, seen, advice }
     }
 
-    /// A finding that makes results wrong or impossible, with advice.
     pub fn fault(check: &'static str, seen: impl Into<String>, advice: impl Into<String>) -> Self {
         Self { severity: FindingSeverity::Fault, ..Self::warning(check, seen, advice) }
     }
 
-    /// A finding about a share: a warning above `some`, a fault above `most`.
+    /// Returns a finding about a share: a warning above `some`, a fault above `most`.
     fn graded(
         check: &'static str,
         share: f64,
@@ -91,7 +89,6 @@ impl Finding {
     }
 }
 
-/// Formats a share as a percentage.
 fn percent(share: f64) -> String {
     let percent = 100.0 * share;
     match percent {

@@ -18,33 +18,31 @@ use crate::{Finding, percent};
 use calibration_file::CalibrationFile;
 use log_file::summary::LogSummary;
 
-/// Limit on the jitter, as a share of the interval; above it, times between frames are unreliable.
+/// Limit on the jitter, as a share of the interval between frames.
 const JITTER: f64 = 0.25;
 
-/// A clock that runs back in more than this share of the rows is unusable. In concatenated recordings it runs
-/// back only where each begins.
+/// Share of rows in which an unusable clock runs back; concatenation does so only at each start.
 const NO_CLOCK: f64 = 0.1;
 
-/// Shares of missing rows: of a warning, and of a fault.
+/// Shares of missing rows: warning and fault.
 const MISSING: [f64; 2] = [1e-3, 0.05];
 
-/// Number of frames in a tare.
 const TARE_FRAMES: u64 = 50;
 
-/// A log's error above this multiple of the training error starts a search for the reason.
+/// A log's error, relative to the training error, that starts a search for the reason.
 const WORSE: f64 = 3.0;
 
-/// Number of rows in the search for swapped channels: that conversion takes 28 times as long as usual.
+/// Rows in the search for swapped channels, which takes 28 times as long as a conversion.
 const SWAP_ROWS: usize = 20_000;
 
-/// The minimum drift of the zero, as a share of the training load, and as a multiple of the scatter.
+/// Minimum drift of the zero, as a share of the training load, and as a multiple of the scatter.
 const DRIFT: f64 = 0.02;
 const DRIFT_SCATTER: f64 = 4.0;
 
-/// Number of rows per mean wrench that is kept, so that the two ends of a log can be compared.
+/// Rows per mean wrench that is kept to compare the ends of a log.
 const STEP: usize = 64;
 
-/// Reads a log, if it could be opened, and checks it, with a calibration if given.
+/// Reads and checks a log, with a calibration if given.
 pub fn examine_log(
     log: Result<Log, LogError>,
     read: &ReadOptions<'_>,
@@ -63,30 +61,24 @@ pub fn examine_log(
 #[derive(Default)]
 struct LogObservations<'a> {
     calibration: Option<&'a CalibrationFile>,
-    /// Number of unreadable rows.
     bad_rows: u64,
-    /// The error in the first unreadable row.
     first_bad: String,
     names: Vec<String>,
     summary: LogSummary,
-    /// Number of frames that did not arrive, from the column `missing`.
+    /// Lost frames, from the column `missing`.
     missing: Option<f64>,
     /// Sums of squares of the forces and of the moments.
     squares: [f64; 2],
     labelled: LabelledRows,
-    /// Pairs of channels with equal readings in every row.
     identical: Option<Vec<(usize, usize)>>,
-    /// Number of rows outside the range of the calibration's training data.
     rows_outside: u64,
     errors: PerAxis<AxisErrors>,
-    /// Rows for the search for swapped channels.
     kept: Block,
     /// Untared wrench in steps of [`STEP`] rows.
     means: Vec<PerAxis<RunningVariance>>,
 }
 
 impl<'a> LogObservations<'a> {
-    /// Reads a log, and skips invalid rows.
     fn read(
         log: &Log,
         read: &ReadOptions<'_>,
@@ -147,7 +139,6 @@ impl<'a> LogObservations<'a> {
         }
     }
 
-    /// Checks the log.
     fn check(&self, log: &Log) -> Vec<Finding> {
         let Self { summary, names, .. } = self;
         if summary.readings.is_empty() && summary.wrench.is_empty() {
@@ -266,7 +257,7 @@ impl<'a> LogObservations<'a> {
         self.check_repeats(log, findings);
     }
 
-    /// Checks for missing rows, by the log's own count if it has one, otherwise by its clock.
+    /// Checks for missing rows, by the log's count or else its clock.
     fn check_losses(&self) -> Finding {
         let gaps = self.summary.timing.gaps();
         let missing = self.missing.unwrap_or(gaps.missing_rows as f64);
@@ -336,7 +327,6 @@ impl<'a> LogObservations<'a> {
     }
 }
 
-/// The exchange of two channels with the smallest error, if the gain is large.
 fn find_swap(calibration: &Calibration, rows: &Block) -> Option<((usize, usize), f64)> {
     let explained = |readings: &[Vec<f64>]| {
         let mut wrench = PerAxis::default();
@@ -352,8 +342,7 @@ fn find_swap(calibration: &Calibration, rows: &Block) -> Option<((usize, usize),
     (factor > WORSE).then_some((channels, factor))
 }
 
-/// The change of the wrench from the first tenth to the last, if both are quiet and so
-/// show no sign of a load.
+/// Returns the change of the wrench from the first tenth to the last, if both are quiet.
 fn drift(means: &[PerAxis<RunningVariance>], largest: &PerAxis<f64>) -> Vec<(Axis, f64, f64)> {
     let tenth = means.len() / 10;
     if tenth == 0 {
@@ -370,7 +359,7 @@ fn drift(means: &[PerAxis<RunningVariance>], largest: &PerAxis<f64>) -> Vec<(Axi
         let last = merged(&means[means.len() - tenth..], axis.index());
         (axis, last.mean - first.mean, sd(&first).max(sd(&last)))
     });
-    // A tenth in which any axis was loaded has no zero.
+    // A loaded tenth has no zero.
     let is_quiet = ends.iter().all(|(axis, _, sd)| *sd <= DRIFT * largest[axis.index()]);
     if !is_quiet {
         return Vec::new();

@@ -3,11 +3,10 @@
 use crate::Finding;
 use board_link::{LinkError, PortState};
 
-/// The maximum latency. A longer one delays every frame of a slow stream: an adapter with 16 ms delivers
-/// bytes in bursts, 62 times a second.
+/// Maximum latency. With 16 ms, an adapter delivers a slow stream in bursts, 62 times a second.
 const LATENCY_MS: u32 = 2;
 
-/// Checks the state of a port, as the system reports it.
+/// Checks a port's state, as the system reports it.
 pub fn check_port(port: &PortState) -> Vec<Finding> {
     let mut findings = vec![match &port.refusal {
         None => Finding::fine("port", format!("`{}` can be opened", port.port)),

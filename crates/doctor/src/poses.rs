@@ -1,40 +1,36 @@
-//! Detects jumps of the readings within a pose of constant load: rows of another pose under the same label.
+//! Jumps of the readings within a pose: rows of another pose under the same label.
 
 use shell_data::block::Block;
 use shell_data::statistics::RunningVariance;
 
-/// A load is constant if it varies by less than this share of its range over the log.
+/// Variation of a constant load, as a share of its range over the log.
 const CONSTANT_LOAD: f64 = 0.01;
 
-/// The minimum size of a jump, as a share of the channel's range over the log, and as a multiple of its
+/// Minimum size of a jump, as a share of the channel's range over the log, and as a multiple of its
 /// noise. Creep under a constant load is smaller and gradual.
 const JUMP: f64 = 0.05;
 const NOISE: f64 = 10.0;
 
-/// With fewer rows on either side, the change is a spike and not a pose.
+/// With fewer rows on either side, the change is a spike.
 const LEAST_ROWS: usize = 5;
 
 /// A longer log is skipped: it does not consist of poses.
 const MOST_ROWS: usize = 1_000_000;
 
-/// The rows of a log by group label.
 #[derive(Debug, Default)]
 pub(crate) struct LabelledRows {
-    /// The readings and wrench of consecutive rows of one label.
+    /// Readings and wrench of consecutive rows of one label.
     runs: Vec<(String, Block)>,
     rows: usize,
 }
 
-/// A jump of the readings under a constant load.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct PoseJump {
-    /// The label of the pose.
     pub(crate) pose: String,
-    /// Number of rows of the pose before the jump.
     pub(crate) rows_before: usize,
-    /// The channel with the largest jump relative to its range, from 0.
+    /// Channel with the largest jump relative to its range, from 0.
     pub(crate) channel: usize,
-    /// The channel's mean before and after the jump.
+    /// Mean before and after the jump.
     pub(crate) means: [f64; 2],
 }
 
@@ -58,7 +54,7 @@ impl LabelledRows {
         }
     }
 
-    /// The jumps, at most one for each run of a label.
+    /// Returns at most one jump for each run of a label.
     pub(crate) fn jumps(&self) -> Vec<PoseJump> {
         let loads = ranges(self.runs.iter().map(|(_, rows)| &rows.wrench));
         let readings = ranges(self.runs.iter().map(|(_, rows)| &rows.readings));
@@ -72,7 +68,7 @@ impl LabelledRows {
     }
 }
 
-/// The range (maximum minus minimum) of each column over all runs.
+/// Range (maximum minus minimum) of each column over all runs.
 fn ranges<'a>(runs: impl Iterator<Item = &'a Vec<Vec<f64>>>) -> Vec<f64> {
     let mut ranges: Vec<[f64; 2]> = Vec::new();
     for columns in runs {
@@ -85,8 +81,8 @@ fn ranges<'a>(runs: impl Iterator<Item = &'a Vec<Vec<f64>>>) -> Vec<f64> {
     ranges.iter().map(|[low, high]| high - low).collect()
 }
 
-/// The jump of one pose: at the split into two means that explains the most variance, if they are far apart
-/// and the change is sudden.
+/// Returns the jump of a pose: the split into two means that explains the most variance, if they
+/// are far apart and the change is sudden.
 fn jump(pose: &str, columns: &[Vec<f64>], ranges: &[f64]) -> Option<PoseJump> {
     let mut best: Option<(f64, PoseJump)> = None;
     for (channel, (column, &range)) in columns.iter().zip(ranges).enumerate() {
@@ -104,7 +100,7 @@ fn jump(pose: &str, columns: &[Vec<f64>], ranges: &[f64]) -> Option<PoseJump> {
     best.map(|(_, jump)| jump)
 }
 
-/// The split of a column whose two means explain the most of its variance, with these means.
+/// Returns the split whose two means explain the most variance, with these means.
 fn split(column: &[f64]) -> Option<(usize, [f64; 2])> {
     let rows = column.len();
     // Subtract the mean first, so that rounding loses nothing.
@@ -123,8 +119,7 @@ fn split(column: &[f64]) -> Option<(usize, [f64; 2])> {
     Some((at, [mean + sum / at as f64, mean - sum / (rows - at) as f64]))
 }
 
-/// The standard deviation of a column from differences of neighbouring rows, without the largest difference,
-/// which a jump causes.
+/// Standard deviation from differences of neighbouring rows, without the largest, of a jump.
 fn noise(column: &[f64]) -> f64 {
     let squares = column.windows(2).map(|pair| (pair[1] - pair[0]).powi(2));
     let (sum, largest) =
@@ -136,7 +131,7 @@ fn noise(column: &[f64]) -> f64 {
 mod tests {
     use super::*;
 
-    /// Poses of 100 rows: each of two channels has its own level, noise of one count, loads 0, 1, 2, ….
+    /// Poses of 100 rows: two channels with own levels and noise of one count, loads 0, 1, 2, ….
     fn poses(change: impl Fn(usize, usize, usize) -> f64) -> Vec<PoseJump> {
         let mut rows = LabelledRows::default();
         for pose in 0..6 {

@@ -11,30 +11,28 @@ use shell_data::statistics::extremes;
 use crate::channels::{channel_name, check_channels, identical_in};
 use crate::{Finding, FindingSeverity};
 
-/// A channel has stopped if it is constant for this share of a log, while two others move over this share of
-/// their ranges.
+/// A channel that is constant for this share of a log has stopped, if two others move over this
+/// share of their ranges.
 const STOPPED: f64 = 0.1;
 const MOVED: f64 = 0.5;
 const FEWEST_STOPPED: usize = 50;
 
-/// A channel has a lower limit if its minimum occurs in this share of the rows, in at least this number of rows,
-/// and is reached from above this number of times.
+/// A channel has a lower limit if its minimum occurs in this share of the rows, in at least this
+/// number of rows, and is reached from above this number of times.
 const PINNED: f64 = 0.01;
 const FEWEST_PINNED: usize = 20;
 const ENTRIES: usize = 3;
 
-/// Number of consecutive rows that must equal earlier ones to count as a copy, and how many of them must
-/// differ from the previous row.
+/// Consecutive rows of a copy, and how many of them must differ from the previous row.
 const WINDOW: usize = 16;
 const DISTINCT: usize = 8;
 
-/// The maximum number of rows checked; in a longer log every second, third, … block.
+/// Maximum rows checked; of a longer log only every second, third, … block.
 const MOST_ROWS: u64 = 200_000;
 
-/// The checked blocks of a log, each with the number of its first row.
 type Looked<'a> = Vec<(usize, &'a LabelledBlock)>;
 
-/// Checks the readings of each log. `names` are the names of the channels.
+/// Checks the readings of each log, with the channels' `names`.
 pub fn check_rows(data: &Dataset, names: &[String]) -> Vec<Finding> {
     let mut all = Vec::new();
     for log in &data.logs {
@@ -99,7 +97,6 @@ fn looked_at(log: &LogRows) -> Looked<'_> {
     numbered.step_by(every).collect()
 }
 
-/// The row number in the log, from 1, of one of the checked rows.
 fn number(looked: &Looked<'_>, mut row: usize) -> usize {
     for (start, block) in looked {
         if row < block.rows.rows {
@@ -110,7 +107,6 @@ fn number(looked: &Looked<'_>, mut row: usize) -> usize {
     row
 }
 
-/// The lower limit that a column reaches repeatedly.
 fn pinned_at_min(column: &[f64]) -> Option<f64> {
     let (least, most) = extremes(column.iter().copied());
     let above = column.iter().copied().filter(|value| *value > least).fold(most, f64::min);
@@ -122,7 +118,7 @@ fn pinned_at_min(column: &[f64]) -> Option<f64> {
     (least < most && often && at >= 3 * next && entries >= ENTRIES).then_some(least)
 }
 
-/// The first row and the length of the longest run of one value, if the run is long.
+/// Returns first row and length of the longest run of one value, if long.
 fn longest_stop(column: &[f64]) -> Option<(usize, usize)> {
     let mut start = 0;
     let stretches = column.chunk_by(|a, b| a == b).map(|same| {
@@ -147,7 +143,6 @@ fn others_move(looked: &Looked<'_>, stopped: usize, rows: Range<usize>) -> bool 
     (0..channels).filter(|channel| *channel != stopped).filter(moves).count() >= 2
 }
 
-/// Finds rows that repeat an earlier sequence of rows.
 fn rows_twice(looked: &Looked<'_>) -> Option<Finding> {
     let mut hashes = Vec::new();
     for (_, block) in looked {
@@ -196,7 +191,7 @@ mod tests {
     use shell_data::wrench::Axes;
     use system_tests::random::Random;
 
-    /// Applies a change to a log of 600 rows with three wandering channels.
+    /// Changes a log of 600 rows with three wandering channels.
     fn seen(change: impl Fn(&mut Block)) -> Vec<&'static str> {
         let mut random = Random(5);
         let wander = |_| {
@@ -215,7 +210,6 @@ mod tests {
         check_rows(&data, &[]).iter().map(|finding| finding.check).collect()
     }
 
-    /// The only row of a log may be cut short.
     #[test]
     fn a_log_without_rows_has_no_findings() {
         let readings = vec![vec![500.0, 501.0]; 3];

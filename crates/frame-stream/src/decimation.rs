@@ -1,9 +1,9 @@
 //! Reduction of the row rate without aliasing.
 //!
-//! Every number of a row passes a causal 8th-order Butterworth low-pass with a cutoff of 0.4 of the new rate,
-//! and every n-th row is passed on. Components above 0.6 of the new rate, whose aliases would be below 0.4 of
-//! it, are attenuated by at least √(1 + 1.5¹⁶), 28 dB (S. Butterworth, 1930); components above the new rate
-//! by 64 dB. The filter delays its passband by about 1/rate.
+//! Every number passes a causal 8th-order Butterworth low-pass with a cutoff of 0.4 of the new
+//! rate, and every n-th row is passed on. Components above 0.6 of the new rate, whose aliases would
+//! be below 0.4 of it, are attenuated by at least √(1 + 1.5¹⁶), 28 dB (S. Butterworth, 1930); above
+//! the new rate by 64 dB. The filter delays its passband by about 1/rate.
 
 use forces::filter::{Butterworth, Filter, FilterError};
 use forces::{Clock, ClockSearch, Grid, RowRule};
@@ -17,27 +17,22 @@ const ORDER: usize = 8;
 /// The cutoff, as a fraction of the new rate.
 const CUTOFF: f64 = 0.4;
 
-/// Remaining fraction of an old signal at which the filter counts as settled.
+/// Fraction of an old signal at which the filter counts as settled.
 const FORGOTTEN: f64 = 1e-6;
 
-/// Number of filtered values per row.
 const COLUMNS: usize = CHANNELS + Axis::ALL.len();
 
 #[derive(Clone, Debug)]
 pub struct Decimator {
     rate_hz: f64,
     stage: Stage,
-    /// Flags of the rows since the last one that was passed on.
     flags: String,
-    /// True if frames between these rows were lost.
     lost: bool,
 }
 
 #[derive(Clone, Debug)]
 enum Stage {
-    /// The clock is being determined from the first rows, which wait until then.
     Search(ClockSearch, Vec<StreamRow>),
-    /// The rows are not faster than the requested rate.
     All,
     Filtered(Box<Filtered>),
 }
@@ -46,25 +41,22 @@ enum Stage {
 struct Filtered {
     clock: Clock,
     grid: Grid,
-    /// Number of slots after which the filter has settled.
     memory: u64,
     design: Butterworth,
-    /// For each column, the filter after all values before the newest slot, and the newest value.
+    /// For each column, the filter before the newest slot, and the newest value.
     filters: Vec<Option<(Filter, f64)>>,
     slot: u64,
-    /// Period of the new rate in which the last row was passed on.
+    /// Period of the new rate with the last row passed on.
     period: Option<i64>,
 }
 
 impl Decimator {
-    /// Creates a decimator that passes on at most `rate_hz` rows per second.
     pub fn new(rate_hz: f64) -> Self {
         let stage = Stage::Search(ClockSearch::default(), Vec::new());
         Self { rate_hz, stage, flags: String::new(), lost: false }
     }
 
-    /// Takes the next rows; returns the rows to pass on. The first rows wait until their rate is known, or
-    /// until the end.
+    /// Takes rows; returns those to pass on. The first wait until their rate is known.
     ///
     /// # Errors
     /// [`FilterError`] if the new rate is too low for the rate of the rows.
@@ -133,7 +125,6 @@ fn stage(clock: Option<Clock>, rate_hz: f64) -> Result<Stage, FilterError> {
 }
 
 impl Filtered {
-    /// Filters a row; returns true if the row should be passed on.
     fn take(&mut self, row: &mut StreamRow, rate_hz: f64) -> bool {
         let slot = self.grid.slots(&[time_s(row)])[0];
         let steps = slot - std::mem::replace(&mut self.slot, slot);
@@ -146,7 +137,7 @@ impl Filtered {
         for (column, value) in readings.chain(wrench) {
             match &mut self.filters[column] {
                 Some((filter, last)) => {
-                    // A slot without a row repeats the previous row.
+                    // A slot without a row repeats the previous one.
                     (0..steps).for_each(|_| filter.process(&mut [*last]));
                     *last = *value;
                     *value = filter.peek(*value);
@@ -154,7 +145,7 @@ impl Filtered {
                 none => *none = Some((Filter::settled(&self.design, *value), *value)),
             }
         }
-        // Uses the middle of a slot, so that rounding does not move a row into the next period.
+        // In the middle of a slot, rounding does not move a row into the next period.
         let periods = ((slot as f64 + 0.5) * rate_hz / self.clock.rate_hz).floor() as i64;
         let is_due = self.period.is_none_or(|last| periods > last);
         self.period = self.period.max(Some(periods));
@@ -181,7 +172,6 @@ mod tests {
         }
     }
 
-    /// Three seconds of a sine at 1 kHz, at another rate.
     fn decimated(rate_hz: f64, sine_hz: f64) -> Vec<StreamRow> {
         let mut decimator = Decimator::new(rate_hz);
         let rows = (0..3000).map(|i| row(i, 1000, (TAU * sine_hz * i as f64 / 1000.0).sin()));
@@ -200,7 +190,7 @@ mod tests {
         assert_eq!(passed, [0, 10]);
     }
 
-    /// Amplitude of a sine from its mean square over whole periods: few samples hit its peak.
+    /// By its mean square over whole periods: few samples hit the peak.
     fn amplitude(rows: &[StreamRow]) -> f64 {
         let rows = rows.iter().filter(|row| row.index >= 1000);
         let values: Vec<f64> = rows.map(|row| row.wrench.unwrap()[0]).collect();
@@ -217,7 +207,7 @@ mod tests {
             rows.iter().filter(|row| row.flags == "mark1").map(|row| row.index).collect();
         assert_eq!(marked, [780]);
         assert!(rows.iter().all(|row| row.lost == (row.index == 780)));
-        // 1000/300 is not an integer: rows are three or four apart, and their number is as requested.
+        // 1000/300 is no integer: rows are three or four apart.
         assert_eq!(decimated(300.0, 5.0).len(), 900);
         assert_eq!(decimated(1000.0, 5.0).len(), 3000);
         assert_eq!(decimated(5000.0, 5.0).len(), 3000);

@@ -1,9 +1,8 @@
 //! Rows as text: a JSON object per line, or CSV.
 //!
-//! The names are those used by `record` and `convert`: `t_s`, `index`, `host_s`, `s1` … `s8`, `fx_n` …
-//! `mz_nm`, `fx_se_n` … `mz_se_nm`, `flags`. The last two are `row`, the number of the row in this stream,
-//! and `lost`, the number of rows that this reader has lost so far. Numbers have the fewest digits that read
-//! back to the same bits.
+//! The names are as in `record` and `convert`: `t_s`, `index`, `host_s`, `s1` … `s8`, `fx_n` …
+//! `mz_nm`, `fx_se_n` … `mz_se_nm`, `flags`; then `row`, the row's number, and `lost`, the rows
+//! that this reader has lost. Numbers have the fewest digits that read back to the same bits.
 
 use board_link::recording::write_time;
 use shared_proto::CHANNELS;
@@ -13,23 +12,19 @@ use shell_data::wrench::{Axes, PerAxis};
 pub struct StreamRow {
     /// Time on the board's clock, µs, as in a log.
     pub time_us: i64,
-    /// The sequence number, unwrapped.
     pub index: i64,
-    /// Arrival time in µs since 1970 by this computer's clock.
+    /// Arrival in µs since 1970 by this computer's clock.
     pub host_us: i64,
     /// Readings in steps of the 12-bit converter.
     pub readings: Option<[f64; CHANNELS]>,
-    /// Wrench in N and N·m.
+    /// N and N·m.
     pub wrench: Option<PerAxis<f64>>,
-    /// Standard errors of the wrench, if the calibration has them.
     pub standard_errors: Option<PerAxis<f64>>,
     /// Flags as in a log, plus `tared` and `markN`.
     pub flags: String,
-    /// True if frames between the previous row and this one were lost.
     pub lost: bool,
 }
 
-/// Text format of rows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum StreamFormat {
     /// An object per line; unknown values are left out.
@@ -43,12 +38,11 @@ pub enum StreamFormat {
 pub struct RowEncoder {
     format: StreamFormat,
     axes: Axes,
-    /// The names of readings, wrench and standard errors; empty if they are not written.
+    /// Names of readings, wrench and standard errors; empty if not written.
     names: [Vec<String>; 3],
 }
 
 impl RowEncoder {
-    /// Creates an encoder for rows like `first`, whose wrenches have these axes.
     pub fn new(format: StreamFormat, axes: Axes, first: &StreamRow) -> Self {
         let readings: Vec<_> = (1..=CHANNELS).map(|channel| format!("s{channel}")).collect();
         let wrench: Vec<_> = axes.columns().into_iter().map(str::to_owned).collect();
@@ -65,14 +59,13 @@ impl RowEncoder {
         Self { format, axes, names }
     }
 
-    /// Returns the header line, if the format has one.
     pub fn header(&self) -> Option<Vec<u8>> {
         let names: String = self.names.iter().flatten().map(|name| format!(",{name}")).collect();
         let line = format!("t_s,index,host_s{names},flags,row,lost\n");
         (self.format == StreamFormat::Csv).then(|| line.into_bytes())
     }
 
-    /// Returns a row without its end, which [`end`](Self::end) returns for each reader.
+    /// Returns a row without its [`end`](Self::end), which differs by reader.
     pub fn begin(&self, row: &StreamRow) -> Vec<u8> {
         let mut text = Vec::with_capacity(512);
         let [time, index, host, flags, end] = match self.format {
@@ -97,7 +90,7 @@ impl RowEncoder {
         text
     }
 
-    /// Returns the end of a row: its number, and the number of rows that its reader has lost.
+    /// Returns a row's number, and the number of rows that its reader has lost.
     pub fn end(&self, row: u64, lost: u64) -> Vec<u8> {
         match self.format {
             StreamFormat::JsonLines => format!(",\"row\":{row},\"lost\":{lost}}}\n"),

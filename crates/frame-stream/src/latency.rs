@@ -1,27 +1,25 @@
 //! Latency of rows at their readers.
 //!
-//! The offset between the clocks of the board and the computer is unknown. The latency of a row is therefore
-//! its delay beyond that of the fastest row within the same ten seconds, which also follows clock drift. The
-//! delay of the fastest row itself (conversion and transmission) is not included.
+//! The offset between the clocks of board and computer is unknown. The latency of a row is its
+//! delay beyond the fastest row of the same ten seconds, which also follows clock drift. The
+//! fastest row's own delay (conversion and transmission) is not included.
 
 use std::fmt;
 
 use calibration::magnitudes::Magnitudes;
 
-/// Duration of a stretch, which has one fastest row, in µs of the board's clock.
+/// Duration of a block of time, which has one fastest row, µs of the board's clock.
 const STRETCH_US: i64 = 10_000_000;
 
-/// Unit of the counted delays, µs: delays up to 2.56 s are distinguished.
+/// Unit of the counted delays, µs: up to 2.56 s are distinguished.
 const UNIT_US: f64 = 10_000.0;
 
-/// Collects delays.
 #[derive(Clone, Debug, Default)]
 pub struct Latency {
-    /// Differences between the clocks in the current stretch, µs.
+    /// Differences between the clocks in the current block of time, µs.
     stretch: Vec<i64>,
-    /// Start of the stretch on the board's clock, µs.
     start_us: i64,
-    /// Delays of the earlier stretches, in [`UNIT_US`].
+    /// Delays of the earlier blocks, in [`UNIT_US`].
     delays: Magnitudes,
     rows: u64,
 }
@@ -30,18 +28,15 @@ pub struct Latency {
 pub struct LatencySummary {
     pub rows: u64,
     pub median_ms: f64,
-    /// 99th percentile of the delay, ms.
     pub p99_ms: f64,
 }
 
 impl Latency {
-    /// Adds a row, given its time on the board's clock and the time of its output on the computer's clock,
-    /// µs.
+    /// Adds a row, by its time on the board's clock and its output on the computer's, µs.
     pub fn push(&mut self, board_us: i64, host_us: i64) {
         if self.stretch.is_empty() {
             self.start_us = board_us;
         }
-        // A restarted board has a new clock.
         if !(0..STRETCH_US).contains(&(board_us - self.start_us)) {
             self.close();
             self.start_us = board_us;
@@ -49,7 +44,6 @@ impl Latency {
         self.stretch.push(host_us - board_us);
     }
 
-    /// Returns the summary of all rows; `None` if there are none.
     pub fn summary(mut self) -> Option<LatencySummary> {
         self.close();
         let ms = |share: f64| self.delays.quantile(share) * UNIT_US / 1000.0;
@@ -84,14 +78,15 @@ mod tests {
     fn delays_are_beyond_the_fastest_row_of_their_stretch() {
         let mut latency = Latency::default();
         assert_eq!(latency.clone().summary(), None);
-        // 1 kHz for 60 s. The computer's clock gains 100 ppm, 1 ms per stretch. One row in 50 is 5 ms late.
+        // 1 kHz for 60 s. The computer's clock gains 1 ms per block of time. One row in 50 is 5 ms
+        // late.
         for i in 0..60_000_i64 {
             let late = if i % 50 == 49 { 5000 } else { 0 };
             latency.push(i * 1000, 77_000_000 + i * 1000 + i / 10 + late);
         }
         let found = latency.summary().unwrap();
         assert_eq!(found.rows, 60_000);
-        // The median is half the gain of a stretch. 2 % of the rows are late, so the 99th percentile is too.
+        // The median is half the gain of a block. 2 % are late, so the 99th percentile is too.
         assert!((0.45..=0.55).contains(&found.median_ms), "{found}");
         assert!((5.0..=6.0).contains(&found.p99_ms), "{found}");
     }

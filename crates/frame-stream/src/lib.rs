@@ -5,10 +5,10 @@
 //!                                                      └──▶ NetFtBox (records in the format of an ATI box)
 //! ```
 //!
-//! [`FrameStream`] computes forces with the same [pipeline](forces) as all commands, so a row has the same
-//! bits as in a log; [`Decimator`] reduces the rate without aliasing. [`Readers`] never block: a slow reader
-//! loses rows, every row contains the number lost, and other readers are not affected. A [`StreamWatcher`] is
-//! a [`Watcher`](board_link::Watcher) that streams a running recording.
+//! [`FrameStream`] computes forces with the common [pipeline](forces), so a row has the same bits
+//! as in a log; [`Decimator`] reduces the rate without aliasing. [`Readers`] never block: a slow
+//! reader loses rows, which every row counts, and others are not affected. A [`StreamWatcher`] is a
+//! [`Watcher`](board_link::Watcher) that streams a running recording.
 
 #![allow(
     clippy::disallowed_methods,

@@ -1,13 +1,13 @@
-//! A stream in the format of an ATI Net F/T box: records over UDP to the client with the latest request.
+//! A stream in the format of an ATI Net F/T box: UDP records to the client with the latest request.
 //!
 //! ```text
 //! request ─ a thread ─▶ client, mode ──────┐
 //! row ─▶ counts − bias, status word ───────┴─▶ a record, or several in one datagram
 //! ```
 //!
-//! Counts are 1 µN and 1 µN·m. `ft_sequence` is the number of the frame, so that frames lost on the way from
-//! the board leave a gap in it; `rdt_sequence` counts the records since the start of the stream. Like a box,
-//! the stream serves one client at a time, and a bias request takes the newest load as zero.
+//! Counts are 1 µN and 1 µN·m. `ft_sequence` is the number of the frame, with gaps for lost frames;
+//! `rdt_sequence` counts the records of the stream. Like a box, the stream serves one client at a
+//! time, and a bias request takes the newest load as zero.
 
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
@@ -23,21 +23,18 @@ use shell_data::lock::lock;
 use crate::encoding::StreamRow;
 use crate::summary::ReaderSummary;
 
-/// Timeout of a read, and thus the time in which the thread notices that it should end.
+/// Timeout of a read: the thread notices within it that it should end.
 const WAIT: Duration = Duration::from_millis(100);
 
-/// Timeout for handing a datagram to the system.
 const HAND_OVER: Duration = Duration::from_millis(1);
 
-/// Interval between estimates of the rate, µs.
 const RATE_US: i64 = 1_000_000;
 
-/// The address at which the stream answers requests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NetFtAddress {
-    /// IP address; the default accepts requests from this machine only.
+    /// By default, requests are accepted from this machine only.
     pub ip: IpAddr,
-    /// UDP port; `None` for the port of a box.
+    /// `None` for the port of a box.
     pub port: Option<u16>,
 }
 
@@ -47,10 +44,9 @@ impl Default for NetFtAddress {
     }
 }
 
-/// The settings page of a box, `netftapi2.xml`.
 #[derive(Clone, Debug)]
 pub struct NetFtPage {
-    /// Addresses for the page; the first free one should serve it.
+    /// The first free one should serve the page.
     pub addresses: Vec<SocketAddr>,
     state: Arc<Mutex<BoxState>>,
 }
@@ -61,7 +57,6 @@ impl NetFtPage {
     }
 }
 
-/// A stream that answers like a box.
 #[derive(Debug)]
 pub(crate) struct NetFtBox {
     socket: Arc<UdpSocket>,
@@ -71,12 +66,11 @@ pub(crate) struct NetFtBox {
     ended: Arc<AtomicBool>,
 }
 
-/// The client that receives the records.
 #[derive(Clone, Copy, Debug)]
 struct ServedClient {
     address: SocketAddr,
     is_buffered: bool,
-    /// Number of datagrams still to be sent; `None` without end.
+    /// Datagrams still to be sent; `None` without end.
     left: Option<u32>,
 }
 
@@ -84,16 +78,13 @@ struct ServedClient {
 struct BoxState {
     client: Option<ServedClient>,
     rdt_sequence: u32,
-    /// Records of a datagram that is not full yet.
     waiting: Vec<u8>,
-    /// Counts of the newest load.
     newest: Option<[i32; 6]>,
-    /// Counts that are subtracted from every load.
     bias: [i32; 6],
-    /// True if a bias was requested before the first load.
+    /// A bias was requested before the first load.
     is_bias_due: bool,
     rate_hz: u32,
-    /// Start of the rate estimate, µs, and the number of rows since.
+    /// Start of the rate estimate, µs, and the rows since.
     counted: Option<(i64, u32)>,
     sent: u64,
     failed: u64,
@@ -101,17 +92,13 @@ struct BoxState {
 }
 
 impl NetFtBox {
-    /// Listens for requests.
-    ///
-    /// # Errors
-    /// The system's error.
     pub(crate) fn open(at: NetFtAddress) -> io::Result<Self> {
         let socket = UdpSocket::bind((at.ip, at.port.unwrap_or(rdt::PORT)))?;
         socket.set_read_timeout(Some(WAIT))?;
         socket.set_write_timeout(Some(HAND_OVER))?;
         let (socket, address) = (Arc::new(socket.try_clone()?), socket.local_addr()?);
-        // A box serves its page at port 80, which not every user may open. The alternative is the TCP port
-        // with the number of the UDP port.
+        // A box serves its page at port 80, which not every user may open; otherwise the TCP port
+        // has the number of the UDP port.
         let page_ports = match at.port {
             None => vec![80, address.port()],
             Some(_) => vec![address.port()],
@@ -138,7 +125,6 @@ impl NetFtBox {
         Ok(Self { socket, address, page_ports, state, ended })
     }
 
-    /// Returns the address on which it listens for requests.
     pub(crate) fn address(&self) -> SocketAddr {
         self.address
     }
@@ -151,7 +137,6 @@ impl NetFtBox {
         }
     }
 
-    /// Sends a row to the client, if there is one.
     pub(crate) fn send(&self, row: &StreamRow) {
         let datagram = lock(&self.state).take(row);
         let Some((datagram, to)) = datagram else { return };
@@ -210,8 +195,7 @@ impl BoxState {
         let goes_on = self.client.is_some_and(|client| {
             client.address == from && client.is_buffered == is_buffered && client.left.is_none()
         });
-        // A client that is already served may repeat its request after a bias, while records are on their
-        // way: `rdt_sequence` continues.
+        // A served client may repeat its request after a bias: `rdt_sequence` continues.
         if goes_on && left.is_none() {
             return;
         }
@@ -220,7 +204,6 @@ impl BoxState {
         self.waiting.clear();
     }
 
-    /// Takes a row; returns the datagram that is due with it, and its destination.
     fn take(&mut self, row: &StreamRow) -> Option<(Vec<u8>, SocketAddr)> {
         self.count(row.time_us);
         let Some(wrench) = &row.wrench else {
@@ -260,7 +243,6 @@ impl BoxState {
         Some((std::mem::take(&mut self.waiting), to))
     }
 
-    /// Counts a row for the rate on the page.
     fn count(&mut self, time_us: i64) {
         let (since, rows) = self.counted.unwrap_or((time_us, 0));
         let elapsed = time_us - since;

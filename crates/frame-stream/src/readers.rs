@@ -20,7 +20,6 @@ use crate::encoding::{RowEncoder, StreamFormat, StreamRow};
 use crate::netft::{NetFtAddress, NetFtBox, NetFtPage};
 use crate::summary::ReaderSummary;
 
-/// Interval between checks for new connections.
 const ACCEPT: Duration = Duration::from_millis(10);
 
 /// Time for each reader to take pending rows at the end.
@@ -30,15 +29,12 @@ const PATIENCE: Duration = Duration::from_millis(500);
 pub enum Destination {
     Stdout,
     File(PathBuf),
-    /// This UDP address; each row is a datagram.
     Udp(SocketAddr),
-    /// Programs that connect to this TCP address.
     Tcp(SocketAddr),
     /// A client of an ATI Net F/T box, which requests its records.
     NetFt(NetFtAddress),
 }
 
-/// Text that does not name a destination.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "{0}; a destination is `-`, `udp:HOST:PORT`, `tcp:PORT`, `tcp:IP:PORT`, `netft`, `netft:PORT` or a file"
@@ -89,7 +85,6 @@ impl fmt::Display for Destination {
 }
 
 impl Destination {
-    /// Returns the default format, which depends on the extension of a file.
     fn format(&self) -> StreamFormat {
         let is_csv = |path: &PathBuf| {
             path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"))
@@ -107,12 +102,9 @@ pub struct Readers {
     listeners: Vec<TcpListener>,
     boxes: Vec<NetFtBox>,
     format: Option<StreamFormat>,
-    /// An encoder per format, created for its first reader.
     encoders: [Option<RowEncoder>; 2],
-    /// Time of the last check for new connections.
     looked: Option<Instant>,
     rows: u64,
-    /// Readers that have ended.
     gone: Vec<ReaderSummary>,
 }
 
@@ -121,10 +113,9 @@ struct StreamReader {
     name: String,
     way: Transport,
     format: StreamFormat,
-    /// True for a file or the standard output, which must be complete; other readers may leave.
+    /// True for a file or the standard output, which must be complete.
     is_output: bool,
     has_names: bool,
-    /// Number of rows handed to the reader.
     handed: u64,
     lost: u64,
 }
@@ -136,8 +127,8 @@ enum Transport {
 }
 
 impl Readers {
-    /// Opens all destinations. An existing file is kept unless `overwrite` is set. Rows have the given
-    /// `format`; without one, CSV for a file with that extension, otherwise JSON lines.
+    /// Opens all destinations. An existing file is kept unless `overwrite` is set. The default
+    /// `format` is CSV for a file with that extension, otherwise JSON lines.
     ///
     /// # Errors
     /// [`OutputError`] for the first destination that cannot be opened.
@@ -177,7 +168,6 @@ impl Readers {
         Ok(readers)
     }
 
-    /// Returns the TCP addresses to which readers can connect.
     pub fn addresses(&self) -> Vec<SocketAddr> {
         self.listeners.iter().filter_map(|listener| listener.local_addr().ok()).collect()
     }
@@ -187,7 +177,6 @@ impl Readers {
         self.boxes.iter().map(|of| (of.address(), of.page()))
     }
 
-    /// Returns true if all readers are gone and none can connect.
     pub fn are_gone(&self) -> bool {
         self.readers.is_empty() && self.listeners.is_empty() && self.boxes.is_empty()
     }
@@ -198,7 +187,7 @@ impl Readers {
         self.boxes.iter().for_each(|of| of.send(row));
         let (number, gone, encoders) = (self.rows, &mut self.gone, &mut self.encoders);
         self.rows += 1;
-        // The row without its end, which differs between readers.
+        // Without its end, which differs between readers.
         let mut begun: [Option<Vec<u8>>; 2] = [None, None];
         self.readers.retain_mut(|reader| {
             let at = reader.format as usize;
@@ -232,13 +221,12 @@ impl Readers {
         }
     }
 
-    /// Ends all readers; returns their results.
     pub fn finish(mut self) -> Vec<ReaderSummary> {
         let rest = self.readers.iter_mut().map(|reader| reader.summary(None));
         let rest: Vec<_> = rest.collect();
         let boxes = self.boxes.iter().map(NetFtBox::summary);
         let mut all: Vec<ReaderSummary> = self.gone.into_iter().chain(rest).chain(boxes).collect();
-        // An output exists from the first row on, so every row that it does not hold is lost.
+        // An output exists from the first row on, so every missing row is lost.
         for output in all.iter_mut().filter(|summary| summary.is_broken) {
             output.lost = self.rows - output.rows;
         }
@@ -253,7 +241,6 @@ fn connection(stream: TcpStream) -> io::Result<PipeReader> {
     PipeReader::new("tcp", stream)
 }
 
-/// Output of one reader; writes whole rows.
 trait RowSink: Send + 'static {
     fn put(&mut self, rows: &[u8]) -> io::Result<()>;
 
@@ -320,7 +307,8 @@ impl StreamReader {
         let end = encoder.end(number, self.lost);
         let is_taken = match &mut self.way {
             Transport::Pipe(pipe) => pipe.send([&names, row, &end].concat())?,
-            // A datagram is one line. Errors are temporary: no program listens yet, or the network is down.
+            // A datagram is a line. Errors are temporary: no program listens, or the network is
+            // down.
             Transport::Udp(socket) => {
                 if !names.is_empty() {
                     _ = socket.send(&names);
@@ -363,19 +351,17 @@ impl StreamReader {
     }
 }
 
-/// Maximum number of waiting rows: four seconds at 1 kHz.
+/// Four seconds at 1 kHz.
 const WAITING: usize = 4096;
 
-/// Maximum number of bytes per write.
 const PIECE: usize = 1 << 16;
 
-/// The sending end of a queue of rows to a reader with its own thread, since a pipe, a disk or a network may
-/// block.
+/// Queue to a reader with its own thread, since a pipe, disk or network may block.
 #[derive(Debug)]
 struct PipeReader {
     rows: Option<SyncSender<Vec<u8>>>,
     written: Arc<AtomicU64>,
-    /// The writing thread; `None` after it was joined.
+    /// `None` after it was joined.
     thread: Option<JoinHandle<io::Result<()>>>,
 }
 
@@ -389,10 +375,7 @@ impl PipeReader {
         Ok(Self { rows: Some(rows), written, thread })
     }
 
-    /// Queues a row; returns `false` if there is no room.
-    ///
-    /// # Errors
-    /// The error of the last write, after which the reader has ended.
+    /// Queues a row, or returns `false` without room; fails with the error that ended the reader.
     fn send(&mut self, row: Vec<u8>) -> io::Result<bool> {
         let Some(rows) = &self.rows else { return Ok(false) };
         match rows.try_send(row) {
@@ -404,8 +387,7 @@ impl PipeReader {
         }
     }
 
-    /// Waits until pending rows are written, or none was written for `patience`; returns the total number of
-    /// rows written.
+    /// Waits until rows are written, or none was for `patience`; returns the number written.
     fn finish(&mut self, patience: Duration) -> (u64, io::Result<()>) {
         self.rows = None;
         let (mut written, mut since) = (self.written.load(Ordering::Acquire), Instant::now());
@@ -424,7 +406,6 @@ impl PipeReader {
         self.thread.as_ref().is_none_or(JoinHandle::is_finished)
     }
 
-    /// Waits for the thread to end and returns its result.
     fn end(&mut self) -> io::Result<()> {
         self.thread.take().and_then(|thread| thread.join().ok()).unwrap_or(Ok(()))
     }

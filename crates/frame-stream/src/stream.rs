@@ -20,22 +20,18 @@ use crate::summary::ReaderSummary;
 use shell_data::lock::lock;
 use shell_data::wrench::Axes;
 
-/// The lowest row rate, Hz. For frames at 2 kHz, a low-pass for a lower rate cannot be computed in double
-/// precision.
+/// Lowest row rate, Hz: for frames at 2 kHz, no lower low-pass can be computed in double precision.
 pub const LEAST_RATE_HZ: f64 = 0.1;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum StreamCommand {
-    /// Takes the mean wrench of the next frames as zero.
     Tare,
     Untare,
-    /// Flags the next row.
     Mark,
-    /// Sets the number of rows per second; `None` for all.
+    /// Rows per second; `None` for all.
     Rate(Option<f64>),
 }
 
-/// A line that is not a command.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "`{0}` is no command; there are `tare`, `untare`, `mark`, `rate HZ` (from {LEAST_RATE_HZ} Hz) and `rate all`"
@@ -67,10 +63,10 @@ pub struct FrameStream {
     simultaneous: Option<Simultaneous>,
     forces: Option<RunningForces>,
     axes: Axes,
-    /// The zero of the wrenches; the first row with a new zero has the flag `tared`.
+    /// The first row with a new zero has the flag `tared`.
     tare: RunningTare,
     last_index: Option<i64>,
-    /// Number of marks so far, and of pending marks.
+    /// Marks so far, and pending ones.
     marks: (u32, u32),
     commands: Option<Receiver<StreamCommand>>,
     decimator: Option<Decimator>,
@@ -83,14 +79,11 @@ pub struct FrameStream {
 
 #[derive(Debug, Default)]
 pub struct StreamOptions {
-    /// Calibration for forces in addition to the readings.
     pub forces: Option<LiveForces>,
-    /// True if frames come from a log, whose times and readings need no alignment.
+    /// True for frames from a log, which need no alignment.
     pub from_log: bool,
-    /// True if channels are aligned to a common time, as in `record`; every frame then waits for the next
-    /// three.
+    /// True to align channels to a common time, as in `record`: frames wait for three more.
     pub one_time: bool,
-    /// Maximum number of rows per second.
     pub rate_hz: Option<f64>,
     pub commands: Option<Receiver<StreamCommand>>,
 }
@@ -98,17 +91,12 @@ pub struct StreamOptions {
 #[derive(Clone, Debug, PartialEq)]
 pub struct StreamSummary {
     pub frames: u64,
-    /// Number of rows made from them.
     pub rows: u64,
     pub readers: Vec<ReaderSummary>,
     pub latency: Option<LatencySummary>,
 }
 
 impl FrameStream {
-    /// Creates a stream.
-    ///
-    /// # Errors
-    /// [`UnsuitableCalibration`] if the calibration has another number of channels.
     pub fn new(options: StreamOptions, readers: Readers) -> Result<Self, UnsuitableCalibration> {
         let forces = options.forces.map(RunningForces::new).transpose()?;
         let simultaneous = match (options.from_log, options.one_time) {
@@ -132,7 +120,7 @@ impl FrameStream {
         self.readers.are_gone()
     }
 
-    /// Passes on newly arrived frames. Adds requested marks to `marks`.
+    /// Passes on newly arrived frames, and adds requested marks to `marks`.
     ///
     /// # Errors
     /// [`RecordError`] if no rows can be passed on.
@@ -146,7 +134,7 @@ impl FrameStream {
         self.pass(frames, false)
     }
 
-    /// Sends the rows of frames; at the end, also the rows of frames that waited for later ones.
+    /// Sends the rows of frames; once `ended`, also those that waited for later ones.
     fn pass(&mut self, frames: &[BoardFrame], ended: bool) -> Result<(), RecordError> {
         let mut rows = self.rows(frames, now_us(), ended)?;
         if let Some(decimator) = &mut self.decimator {
@@ -158,11 +146,7 @@ impl FrameStream {
         Ok(())
     }
 
-    /// Returns the rows that are complete when these frames arrive at `host_us`. If channels are aligned to a
-    /// common time, these are the rows of earlier frames.
-    ///
-    /// # Errors
-    /// [`RecordError`] if forces cannot be computed.
+    /// Returns the rows that are complete at `host_us`: with alignment, those of earlier frames.
     fn rows(
         &mut self,
         frames: &[BoardFrame],
@@ -226,8 +210,7 @@ impl FrameStream {
     fn send(&mut self, row: &StreamRow, is_first: bool) {
         self.readers.send(row, self.axes);
         self.sent += 1;
-        // The first rows and late frames are not counted: delays of the start and the radio are not the
-        // stream's.
+        // Not the first rows and late frames, delayed by the start and the radio.
         if !is_first && self.newest.is_some_and(|newest| row.index > newest) {
             self.latency.push(row.time_us, now_us());
         }
@@ -250,7 +233,7 @@ impl FrameStream {
         }
     }
 
-    /// Sends the rows that waited for later frames, and ends the stream; returns its summary.
+    /// Sends the waiting rows, and ends the stream; returns its summary.
     ///
     /// # Errors
     /// [`RecordError`], after all readers have ended.
@@ -266,7 +249,6 @@ impl FrameStream {
     }
 }
 
-/// Returns the time in µs since 1970.
 fn now_us() -> i64 {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     i64::try_from(now.as_micros()).unwrap_or(i64::MAX)
@@ -281,16 +263,14 @@ pub struct StreamWatcher {
     marks: Vec<RecordCommand>,
 }
 
-/// A running stream, or the error that ended it; `None` after the result was taken.
+/// The error ended the stream; `None` after the result was taken.
 type StreamState = Option<Result<Box<FrameStream>, RecordError>>;
 
-/// The handle by which the stream's owner ends it.
 #[derive(Clone, Debug)]
 pub struct StreamHandle(Arc<Mutex<StreamState>>);
 
 impl StreamWatcher {
-    /// Creates a watcher for `stream`. If the stream fails or has no readers left, `stop`, if given, is set
-    /// to end the recording.
+    /// Creates a watcher; it sets `stop` if the stream fails or has no readers left.
     pub fn new(
         stream: FrameStream,
         beside: Option<Box<dyn Watcher>>,
@@ -330,7 +310,7 @@ impl Watcher for StreamWatcher {
 }
 
 impl StreamHandle {
-    /// Ends the stream; returns its summary, or `None` if it was already taken.
+    /// Ends the stream; returns its summary, unless already taken.
     ///
     /// # Errors
     /// [`RecordError`] if the stream has failed.

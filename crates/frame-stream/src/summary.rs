@@ -1,5 +1,3 @@
-//! Results of readers.
-
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ReaderSummary {
     pub name: String,
@@ -7,8 +5,6 @@ pub struct ReaderSummary {
     pub rows: u64,
     /// Rows lost because the reader was too slow.
     pub lost: u64,
-    /// The reason why the reader ended early, if it did.
     pub problem: Option<String>,
-    /// True if a file or the standard output ended early.
     pub is_broken: bool,
 }

@@ -54,7 +54,7 @@ fn a_stopped_reader_loses_rows_and_no_other_reader_does() {
     reading.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
     let mut reading = BufReader::new(reading);
 
-    // Two minutes at 1 kHz, much more than buffers hold. Each row is read before the next is sent, so the
+    // Two minutes at 1 kHz, more than buffers hold. Each row is read before the next is sent, so
     // other readers are fast enough on any machine.
     const ROWS: u64 = 120_000;
     let (mut datagram, mut line) = ([0; 2048], String::new());
@@ -69,7 +69,7 @@ fn a_stopped_reader_loses_rows_and_no_other_reader_does() {
         reading.read_line(&mut line).unwrap();
         assert_eq!((number(&line, "row"), number(&line, "lost")), (index, 0));
     }
-    // It continues, receives the pending rows, and the next row shows how many it has lost.
+    // It continues with the pending rows, and the next row shows how many it has lost.
     stopped.set_nonblocking(true).unwrap();
     let (mut got, mut index) = (Vec::new(), ROWS);
     let whole = loop {
@@ -86,7 +86,6 @@ fn a_stopped_reader_loses_rows_and_no_other_reader_does() {
         std::thread::sleep(Duration::from_millis(1));
     };
     for (position, line) in whole.iter().enumerate() {
-        // Each row that arrives counts the rows lost before it.
         assert_eq!(number(line, "row") - number(line, "lost"), position as u64);
     }
     let lost = number(whole.last().unwrap(), "lost");
@@ -101,14 +100,12 @@ fn a_stopped_reader_loses_rows_and_no_other_reader_does() {
     assert_eq!(of("udp"), [index, index]);
     assert_eq!(of("`"), [index]);
     let text = std::fs::read_to_string(file).unwrap();
-    // The file has its own thread, which the stream does not wait for: rows that it could not take are
-    // counted, too.
+    // The stream does not wait for the file's thread: rows that it could not take count, too.
     let lost = text.lines().last().map(|line| number(line, "lost")).unwrap();
     let last = text.lines().last().map(|line| number(line, "row")).unwrap();
     assert_eq!(text.lines().count() as u64 + lost, last + 1);
 }
 
-/// A full disk is reported with the numbers of rows written and lost, and does not affect other readers.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_full_output_is_closed_and_others_continue() {

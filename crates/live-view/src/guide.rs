@@ -1,4 +1,4 @@
-//! A guide through planned loads: the next load, whether it is held still, and the loads recorded so far.
+//! A guide through planned loads: the next load, its stillness, and the loads recorded so far.
 //!
 //! ```text
 //! at rest, unloaded ─▶ hang ─▶ still and loaded ─▶ for two seconds: recorded ─▶ take off, or the next ─▶ …
@@ -6,11 +6,12 @@
 //!                        └──────────────────────── it moves ◀─────────────────────────┘
 //! ```
 //!
-//! *Still*: over a second no channel scatters by more than [`QUIET`] times its noise at the start, and the
-//! means of the halves of that second differ by no more. *Loaded*, with known forces: the wrench is nearer to
-//! the planned one than to zero, with axes scaled by the largest load of the plan. Without forces: the
-//! readings are off their rest by a multiple of their noise and by a tenth of the largest excursion so far,
-//! and all together by a quarter of the excursion that the recorded loads predict for a load of this size.
+//! *Still*: over a second no channel scatters by more than [`QUIET`] times its noise at the start,
+//! and the means of its halves differ by no more. *Loaded*, with known forces: the wrench is nearer
+//! to the planned one than to zero, with axes scaled by the largest load of the plan. Without
+//! forces: the readings differ from the unloaded ones by a multiple of their noise and by a tenth
+//! of the largest excursion so far, and together by a quarter of that predicted from the recorded
+//! loads.
 
 use std::collections::VecDeque;
 
@@ -21,152 +22,126 @@ use shared_proto::CHANNELS;
 use shell_data::block::FrameLabel;
 use shell_data::wrench::PerAxis;
 
-/// Length of the examined stretch, s.
+/// Length of the examined block of time, s.
 const STRETCH_S: f64 = 1.0;
 
-/// Duration of stillness after which a load is recorded, s.
+/// Stillness after which a load is recorded, s.
 pub const HOLD_S: f64 = 2.0;
 
-/// Maximum noise of a held load, relative to the noise at the start.
+/// Maximum noise of a pose, relative to the noise at the start.
 const QUIET: f64 = 3.0;
 
-/// Minimum noise, counts and N: converters of few bits, and boards that send wrenches, would otherwise appear
-/// noiseless.
+/// Minimum noise, counts and N: few bits, and wrenches from a board, seem noiseless.
 const LEAST_NOISE: f64 = 0.5;
 const LEAST_FORCE_NOISE: f64 = 1e-3;
 
-/// Distance of a loaded channel from its rest: a multiple of its noise, and a share of the largest excursion
-/// so far.
+/// Minimum distance from the unloaded reading: a multiple of the noise, a share of the excursion.
 const OFF_REST: f64 = 8.0;
 const OFF_SHARE: f64 = 0.1;
 
-/// Minimum excursion of all channels together under a load, as a share of the excursion predicted from its
-/// size.
+/// Minimum excursion of all channels together, as a share of that predicted from the load.
 const OFF_LOAD: f64 = 0.25;
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct GuidedLoad {
-    /// The label of its rows.
     pub group: String,
-    /// Instruction to the user.
     pub text: String,
-    /// Its wrench, N and N·m.
     pub wrench: PerAxis<f64>,
-    /// Expected information gain, in any unit.
+    /// In any unit.
     pub gain: f64,
 }
 
-/// The event that the guide waits for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum GuidePhase {
-    /// A moment without a load, which determines noise and rest.
+    /// A moment without a load, which determines noise and unloaded readings.
     #[default]
     Rest,
-    /// The load.
     Hang,
-    /// Stillness under the load.
     Hold,
-    /// Removal of the recorded load.
     Release,
-    /// No event: all loads are recorded.
     Done,
 }
 
 /// The error of a calibration on new poses, after a number of loads.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct ErrorPoint {
-    /// Number of loads.
     pub loads: usize,
     /// Largest error of a force, and of a moment, N and N·m.
     pub error: [f64; 2],
-    /// Upper ends of their 95 % intervals.
+    /// Upper ends of the 95 % intervals.
     pub upper: [f64; 2],
 }
 
-/// A sensor without a load.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rest {
-    /// Distance of the readings from those at the start, relative to the largest excursion of all channels so
-    /// far.
+    /// Distance of the readings from those at the start, relative to the largest excursion.
     pub readings: [f64; CHANNELS],
-    /// The wrench, N and N·m.
     pub wrench: PerAxis<f64>,
 }
 
 impl Rest {
-    /// Returns the distance of the readings from those of another rest.
     pub fn distance(&self, other: &Self) -> f64 {
         length(&std::array::from_fn(|c| self.readings[c] - other.readings[c]))
     }
 }
 
-/// The displayed state of a guide.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct GuideView {
-    /// The label of the next load; empty if all are recorded.
+    /// Empty if all are recorded.
     pub group: String,
-    /// Instruction to the user.
     pub text: String,
-    /// Its wrench, N and N·m.
     pub wrench: PerAxis<f64>,
     pub number: usize,
     pub count: usize,
     pub recorded: usize,
-    /// The event that the guide waits for.
     pub phase: GuidePhase,
-    /// Share of the required time of stillness that has passed, 0 to 1.
+    /// Share of the required stillness that has passed, 0 to 1.
     pub held: f64,
-    /// The share of the whole plan's gain that is still to come, 0 to 1; `None` if errors are known instead.
+    /// Share of the plan's gain still to come, 0 to 1; `None` if errors are known instead.
     pub remaining_gain: Option<f64>,
-    /// The error on new poses after each load, if a calibration is refitted.
+    /// After each load, if a calibration is refitted.
     pub errors: Vec<ErrorPoint>,
-    /// Error limits that end the loads, N and N·m.
+    /// Errors that end the loads, N and N·m.
     pub limits: [Option<f64>; 2],
-    /// The newest finding on the loads, if any.
     pub finding: String,
 }
 
-/// A guide of a live view: tells which load to hang, and finds the rows of loads that were held.
+/// Tells which load to hang, and finds the rows of poses.
 pub trait LoadGuide {
-    /// Takes the next row; returns the label of the load that it completes, if any.
+    /// Takes the next row; returns the label of the load that it completes.
     fn push(&mut self, row: &LiveRow) -> Option<FrameLabel>;
 
-    /// Returns the index of the first frame that may still become part of a held load.
+    /// Index of the first frame that may still become part of a pose.
     fn first_unsettled(&self) -> Option<i64>;
 
-    /// Skips to the next load that is not recorded.
     fn skip(&mut self);
 
     /// Returns to the previous load, to record it again.
     fn back(&mut self);
 
-    /// Returns the displayed state.
     fn view(&self) -> GuideView;
 }
 
-/// Guides the user through loads.
 #[derive(Clone, Debug, Default)]
 pub struct Guide {
     loads: Vec<GuidedLoad>,
-    /// Which loads are recorded.
     recorded: Vec<bool>,
     next: usize,
     phase: GuidePhase,
-    /// Rows of the stretch, with the values that must be still.
+    /// Rows of the block of time, with the values that must be still.
     stretch: VecDeque<(LiveRow, [f64; CHANNELS])>,
-    /// Mean and noise at rest, once known.
+    /// Mean and noise without a load, once known.
     rest: Option<([f64; CHANNELS], [f64; CHANNELS])>,
-    /// Largest distance of each channel from its rest.
+    /// Largest distance of each channel from its unloaded reading.
     excursion: [f64; CHANNELS],
-    /// Minimum excursion of all channels together under the recorded loads, relative to their size.
+    /// Minimum excursion of all channels under the recorded loads, relative to their size.
     response: Option<f64>,
     /// Time and frame since which the load is still and loaded.
     still_since: Option<(f64, i64)>,
 }
 
 impl Guide {
-    /// Creates a guide through these loads, in this order.
     pub fn new(loads: Vec<GuidedLoad>) -> Self {
         Self {
             recorded: vec![false; loads.len()],
@@ -176,7 +151,7 @@ impl Guide {
         }
     }
 
-    /// Asks for this load next, or for none. If another `was_held`, that has to be taken off first.
+    /// Asks for this load next, or for none. If another `was_held`, it has to be taken off first.
     pub fn choose(&mut self, load: Option<usize>, was_held: bool) {
         self.next = load.unwrap_or(self.next);
         self.await_load(load.is_none());
@@ -185,17 +160,15 @@ impl Guide {
         }
     }
 
-    /// Returns the event that the guide waits for.
     pub fn phase(&self) -> GuidePhase {
         self.phase
     }
 
-    /// Returns the load that is asked for.
     pub fn next(&self) -> usize {
         self.next
     }
 
-    /// Returns the newest readings and wrench if the sensor is at rest and its wrench is known.
+    /// Returns the newest readings and wrench, if the sensor is unloaded and still.
     pub fn at_rest(&self) -> Option<Rest> {
         let (rest, noise) = self.rest?;
         if !matches!(self.phase, GuidePhase::Hang | GuidePhase::Release) {
@@ -234,7 +207,6 @@ impl Guide {
         Some(FrameLabel { from, until: index, group })
     }
 
-    /// Waits for the next load, or ends if all are recorded.
     fn await_load(&mut self, is_done: bool) {
         self.phase = match self.rest {
             _ if is_done => GuidePhase::Done,
@@ -244,8 +216,7 @@ impl Guide {
         self.still_since = None;
     }
 
-    /// Returns mean and scatter of each channel over the stretch, and the distance between the means of its
-    /// halves.
+    /// Returns mean and scatter of each channel, and the distance between the means of its halves.
     fn statistics(&self) -> ([f64; CHANNELS], [f64; CHANNELS], [f64; CHANNELS]) {
         let mean = |rows: std::ops::Range<usize>| -> [f64; CHANNELS] {
             let count = rows.len().max(1) as f64;
@@ -263,7 +234,6 @@ impl Guide {
         (means, scatter, std::array::from_fn(|c| (second[c] - first[c]).abs()))
     }
 
-    /// Returns the mean wrench of the stretch from this row on, if it has any.
     fn mean_wrench(&self, from: usize) -> Option<PerAxis<f64>> {
         let wrenches = self.stretch.range(from..).filter_map(|(row, _)| row.wrench);
         let (sum, count) = wrenches.fold(([0.0; 6], 0.0), |(sum, count), wrench| {
@@ -283,7 +253,6 @@ impl Guide {
         (0..6).map(share).fold(0.0, f64::max)
     }
 
-    /// Returns whether the still signal is likely to be the planned load.
     fn is_loaded(&self, off: &[f64; CHANNELS], noise: &[f64; CHANNELS]) -> bool {
         let planned = self.loads[self.next].wrench;
         let is_wanted_empty = planned.iter().all(|value| *value == 0.0);
@@ -301,8 +270,7 @@ impl Guide {
         }
         let is_off = (0..CHANNELS)
             .any(|c| off[c] > (OFF_REST * noise[c]).max(OFF_SHARE * self.excursion[c]));
-        // A remainder from springs after the previous load does not count: it is far less than the next
-        // load's prediction.
+        // A remainder from springs after the previous load is far less than the next prediction.
         let least =
             self.response.map_or(0.0, |response| OFF_LOAD * response * self.size(self.next));
         is_off && length(off) > least || is_wanted_empty
@@ -351,7 +319,7 @@ impl LoadGuide for Guide {
         match self.phase {
             GuidePhase::Hang if self.is_loaded(&off, &noise) => {
                 self.phase = GuidePhase::Hold;
-                // The stretch may begin with the end of the movement.
+                // The first half may hold the end of the movement.
                 let (middle, _) = self.stretch[self.stretch.len() / 2];
                 self.still_since = Some((middle.time_s, middle.index));
                 None
@@ -399,7 +367,7 @@ impl LoadGuide for Guide {
             recorded,
             phase: self.phase,
             held: if self.phase == GuidePhase::Hold { held.clamp(0.0, 1.0) } else { 0.0 },
-            // If the table has no gains, loads are counted instead.
+            // Without gains, loads are counted instead.
             remaining_gain: Some(if whole > 0.0 { left / whole } else { unrecorded }),
             ..GuideView::default()
         }
@@ -424,14 +392,13 @@ mod tests {
         Guide::new(gains.into_iter().enumerate().map(load).collect())
     }
 
-    /// A board at 100 Hz.
     struct Bench {
         index: i64,
         found: Vec<FrameLabel>,
     }
 
     impl Bench {
-        /// Applies a force for `seconds`; `forces` tells whether a calibration measures it.
+        /// `forces`: a calibration measures the force.
         fn apply(&mut self, guide: &mut Guide, fx: f64, seconds: f64, forces: bool) {
             for _ in 0..(100.0 * seconds) as usize {
                 let noise = f64::from([3, -1, 0, -3, 1, 2, -2][(self.index % 7) as usize]);
@@ -466,8 +433,7 @@ mod tests {
         assert!(guide.view().held > 0.4, "{:?}", guide.view());
         bench.apply(&mut guide, 1.02, 1.2, true);
         let view = guide.view();
-        // 2 s of stillness from the middle of the first still second, which may begin with the end of a
-        // movement.
+        // 2 s from the middle of the first still second, which may begin with a movement's end.
         assert_eq!(bench.found, [FrameLabel { from: 350, until: 550, group: "a".to_owned() }]);
         assert_eq!((view.phase, view.number, view.recorded), (GuidePhase::Release, 2, 1));
         assert!((view.remaining_gain.unwrap() - 0.5).abs() < 1e-12);
@@ -491,7 +457,7 @@ mod tests {
         assert!((guide.view().remaining_gain.unwrap() - 2.0 / 3.0).abs() < 1e-12);
         guide.skip();
         assert_eq!(guide.view().group, "c");
-        // Nearly back at rest, and with a large remainder in the springs: not loaded.
+        // Nearly unloaded, and with a large remainder in the springs: not loaded.
         for kept in [0.05, 0.3] {
             bench.apply(&mut guide, kept, 4.0, false);
             assert_eq!(bench.found.len(), 1);

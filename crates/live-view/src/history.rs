@@ -5,21 +5,18 @@ use std::collections::VecDeque;
 use shared_proto::CHANNELS;
 use shell_data::wrench::PerAxis;
 
-/// Length of the history, s.
 pub(crate) const LONGEST_S: f64 = 60.0;
 
-/// Maximum number of rows: a minute at 1 kHz, the highest rate of a board.
+/// A minute at 1 kHz, the highest rate of a board.
 const MOST_ROWS: usize = 65_536;
 
-/// A displayed frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LiveRow {
-    /// Time in s, on the clock of the board or log.
+    /// On the clock of the board or log.
     pub time_s: f64,
     pub index: i64,
-    /// Readings in steps of the converter.
+    /// Steps of the converter.
     pub readings: Option<[f64; CHANNELS]>,
-    /// Wrench in N and N·m.
     pub wrench: Option<PerAxis<f64>>,
     /// Bit i is set if channel i was at an end of the converter's range.
     pub saturated: u8,
@@ -27,20 +24,17 @@ pub struct LiveRow {
     pub out_of_range: u8,
 }
 
-/// The newest rows.
 #[derive(Clone, Debug, Default)]
 pub struct History {
     rows: VecDeque<LiveRow>,
 }
 
 impl History {
-    /// Adds a row. A row far before the newest clears the history: the board has lost its clock, or the log
-    /// starts again.
+    /// Adds a row. One far before the newest clears the history: clock or log has started again.
     pub fn push(&mut self, row: LiveRow) {
         if self.rows.back().is_some_and(|newest| row.time_s < newest.time_s - LONGEST_S) {
             self.rows.clear();
         }
-        // An overtaken frame is inserted at its position.
         let after = self.rows.iter().rev().take_while(|other| other.time_s > row.time_s).count();
         match after {
             0 => self.rows.push_back(row),
@@ -58,15 +52,13 @@ impl History {
         self.rows.back()
     }
 
-    /// Returns the rows of the last `span_s` seconds, in order.
     pub fn last(&self, span_s: f64) -> impl Iterator<Item = &LiveRow> + Clone {
         let from = self.newest().map_or(0.0, |row| row.time_s - span_s);
         let first = self.rows.partition_point(|row| row.time_s <= from);
         self.rows.range(first..)
     }
 
-    /// Returns minimum and maximum of the value in each column over the last `span_s` seconds, the newest on
-    /// the right; `None` for a column without rows.
+    /// Returns minimum and maximum in each column over `span_s`, the newest on the right.
     pub fn columns(
         &self,
         span_s: f64,
@@ -124,7 +116,6 @@ mod tests {
         history.push(row(199.9975, 3.0));
         let late: Vec<f64> = history.last(0.003).map(|row| row.time_s).collect();
         assert_eq!(late, [199.997, 199.9975, 199.998, 199.999]);
-        // A clock that starts again clears the past.
         history.push(row(0.0, 0.0));
         assert_eq!(history.rows.len(), 1);
     }

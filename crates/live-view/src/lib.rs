@@ -6,8 +6,7 @@
 //!       tare, pause, zoom, mark
 //! ```
 //!
-//! [`LiveModel`] keeps only the last minute of rows, so memory is bounded. Its commands (tare, pause, zoom)
-//! change the display, never the recording.
+//! [`LiveModel`] keeps the last minute. Its commands change the display, never the recording.
 //!
 //! The crate is pure: no ports, no files, and no clock except the time of the rows.
 

@@ -8,27 +8,24 @@ use shell_data::wrench::{Axes, Axis};
 
 use super::history::{History, LONGEST_S, LiveRow};
 
-/// Selectable time spans, s.
 pub(crate) const WINDOWS_S: [f64; 6] = [1.0, 2.0, 5.0, 10.0, 20.0, LONGEST_S];
 
 pub(crate) const MARKS: usize = 1000;
 
-/// The stretch from which noise and the channels' states are computed, s.
+/// Block of time for noise and the channels' states, s.
 const RECENT_S: f64 = 1.0;
 
-/// Minimum scales, so that noise at rest looks like noise: N and N·m, and counts.
+/// Minimum scales, so that noise looks like noise: N and N·m, and counts.
 const LEAST_FORCE: f64 = 0.05;
 const LEAST_MOMENT: f64 = 0.001;
 const LEAST_COUNTS: f64 = 20.0;
 
-/// Number of columns of a trace: a screen 1,400 points wide has room for them at three points each.
+/// Columns of a trace: at three points each, a screen has room for 1,400.
 const COLUMNS: usize = 400;
 
-/// Steps of a trace between its lower and upper edge: finer than the height of a trace in points, and shorter
-/// to transmit than the values.
+/// Steps of a trace: finer than points, and shorter to transmit than values.
 const LEVELS: f64 = 1000.0;
 
-/// A moment that the user has marked.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mark {
     pub number: u32,
@@ -41,13 +38,10 @@ pub struct Mark {
 #[serde(rename_all = "snake_case")]
 pub enum ChannelState {
     Fine,
-    /// Outside the calibrated range within the last second.
     Outside,
-    /// At an end of the converter's range within the last second.
     Saturated,
 }
 
-/// The displayed state of a channel.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ChannelView {
     pub reading: f64,
@@ -55,7 +49,7 @@ pub struct ChannelView {
     pub state: ChannelState,
 }
 
-/// A displayed trace; its columns hold values, or levels of a picture.
+/// A trace; its columns hold values, or levels of a picture.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TraceView<T = f64> {
     /// `Fx`, `s1`.
@@ -63,11 +57,11 @@ pub struct TraceView<T = f64> {
     /// `N`, `N·m`, empty for counts.
     pub unit: &'static str,
     pub value: f64,
-    /// The standard deviation over the last second.
+    /// Standard deviation over the last second.
     pub noise: f64,
-    /// Values of the lower and the upper edge.
+    /// Lower and upper edge.
     pub range: (f64, f64),
-    /// Minimum and maximum in each column, the newest on the right.
+    /// Minimum and maximum, the newest on the right.
     pub columns: Vec<Option<[T; 2]>>,
 }
 
@@ -78,33 +72,32 @@ pub struct Picture {
     pub window_s: f64,
     pub is_paused: bool,
     pub is_taring: bool,
-    /// The traces; their columns are in thousandths of the range.
+    /// Columns are in thousandths of the range.
     pub traces: Vec<TraceView<u16>>,
-    /// Numbers of the marks and their positions, from 0 on the left to 1.
+    /// Numbers and positions, from 0 on the left to 1.
     pub marks: Vec<(u32, f64)>,
-    /// The channels; empty if the board streams wrenches.
+    /// Empty if the board streams wrenches.
     pub channels: Vec<ChannelView>,
-    /// The newest force along x, y and z, and the length of an arrow that reaches the edge, N.
+    /// Newest force along x, y and z, and the length of an arrow that reaches the edge, N.
     pub force: Option<([f64; 3], f64)>,
 }
 
-/// The state of a live view.
 #[derive(Clone, Debug, Default)]
 pub struct LiveModel {
     axes: Axes,
     ranges: Option<Vec<ReadingRange>>,
     history: History,
-    /// The displayed rows while paused.
+    /// Rows displayed while paused.
     frozen: Option<Box<History>>,
     window: usize,
-    /// The wrench that is subtracted for display: the mean of the rows after its start.
+    /// Subtracted for display: the mean of the rows after its start.
     pub tare: RunningTare,
     pub marks: Vec<Mark>,
 }
 
 impl LiveModel {
-    /// Creates an empty view. `ranges` are the channels' ranges in the training data, `window_s` is the
-    /// initial time span, and `axes` are the available axes of the wrench, if forces are known.
+    /// Creates an empty view, with the channels' `ranges` in the training data, an initial time
+    /// span, and the available axes of the wrench.
     pub fn new(ranges: Option<Vec<ReadingRange>>, window_s: f64, axes: Axes) -> Self {
         let fits = |window: &f64| *window >= window_s;
         let window = WINDOWS_S.iter().position(fits).unwrap_or(WINDOWS_S.len() - 1);
@@ -140,7 +133,6 @@ impl LiveModel {
         WINDOWS_S[self.window]
     }
 
-    /// Marks the newest row; returns `None` if there is none.
     pub fn mark(&mut self) -> Option<Mark> {
         let newest = self.history.newest()?;
         let number = self.marks.last().map_or(1, |mark| mark.number + 1);
@@ -152,13 +144,11 @@ impl LiveModel {
         Some(mark)
     }
 
-    /// Returns the time of the newest displayed row, s.
     pub fn time_s(&self) -> Option<f64> {
         self.shown().newest().map(|row| row.time_s)
     }
 
-    /// Returns the marks within the displayed time span: their numbers and positions, from 0 on the left to
-    /// 1.
+    /// Returns numbers of the displayed marks and their positions, from 0 on the left to 1.
     pub fn marks_shown(&self) -> Vec<(u32, f64)> {
         let Some(newest_s) = self.time_s() else { return Vec::new() };
         let position = |mark: &Mark| 1.0 - (newest_s - mark.time_s) / self.window_s();
@@ -166,8 +156,7 @@ impl LiveModel {
         positions.filter(|(_, position)| (0.0..=1.0).contains(position)).collect()
     }
 
-    /// Returns the traces with `columns` columns: the available axes if forces are known, otherwise the eight
-    /// readings.
+    /// Returns the traces: the available axes if forces are known, otherwise the eight readings.
     pub fn traces(&self, columns: usize) -> Vec<TraceView> {
         let Some(newest) = self.shown().newest() else { return Vec::new() };
         match (newest.wrench, newest.readings) {
@@ -239,8 +228,7 @@ impl LiveModel {
         readings.into_iter().enumerate().map(view).collect()
     }
 
-    /// Returns the newest force, and the length of an arrow that reaches the edge, N; `None` if forces are
-    /// unknown, or not available along all three axes.
+    /// Returns the newest force, and the length of an arrow to the edge, N, if all three are known.
     pub fn force(&self) -> Option<([f64; 3], f64)> {
         let forces = [Axis::Fx, Axis::Fy, Axis::Fz].into_iter().collect();
         if !self.axes.contain(forces) {
@@ -279,7 +267,6 @@ fn largest(columns: &[Option<[f64; 2]>]) -> f64 {
     ends.fold(0.0, |largest, value| largest.max(value.abs()))
 }
 
-/// Converts the columns of a trace to levels of its range.
 fn levels(view: TraceView) -> TraceView<u16> {
     let TraceView { name, unit, value, noise, range, columns } = view;
     let (low, high) = range;
@@ -319,7 +306,6 @@ fn nice_range(low: f64, high: f64, least: f64) -> (f64, f64) {
 mod tests {
     use super::*;
 
-    /// 10 s at 100 Hz, a sine of 1.5 N along x.
     fn model() -> LiveModel {
         let mut model = LiveModel::new(None, 10.0, Axes::ALL);
         (0..=1000).for_each(|i| model.push(row(i)));
@@ -451,7 +437,6 @@ mod tests {
         let cases = [(0.0, 0.1), (0.03, 0.1), (0.11, 0.2), (0.2, 0.2), (3.1, 5.0), (70.0, 100.0)];
         for (largest, expected) in cases {
             let bound = nice_bound(largest, 0.1);
-            // A power of ten is exact up to a rounding error.
             assert!((bound - expected).abs() < 1e-12 * expected, "{largest}: {bound}");
         }
         assert_eq!(nice_bound(f64::NAN, 0.1), 0.1);

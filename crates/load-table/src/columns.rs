@@ -1,4 +1,4 @@
-//! The meaning of a column by its name, and the load that a line describes.
+//! The meaning of a column by its name, and the load of a line.
 
 use super::load::{Pull, STANDARD_GRAVITY};
 use shell_data::hint::did_you_mean;
@@ -8,9 +8,8 @@ use shell_data::wrench::{Axis, LoadErrors};
 pub(crate) enum LoadColumn {
     Group,
     Mounting,
-    /// A direction as a word.
     Direction,
-    /// A column that is copied and not interpreted.
+    /// Copied and not interpreted.
     Other,
     Mass,
     Force,
@@ -23,11 +22,8 @@ pub(crate) enum LoadColumn {
     Roll,
     Pitch,
     Yaw,
-    /// An axis of an accelerometer at rest.
     Accelerometer(usize),
-    /// An axis of the wrench.
     Wrench(usize),
-    /// Standard errors.
     MassError,
     ForceError,
     AngleError,
@@ -36,13 +32,13 @@ pub(crate) enum LoadColumn {
 
 const DEGREE: f64 = std::f64::consts::PI / 180.0;
 
-/// Standard errors where the table states none: a kitchen scale with a mass of some hundred grams (as a share
-/// of the mass), a protractor at a string, and a ruler at a lever.
+/// Default standard errors: a kitchen scale with some hundred grams (as a share of the mass), a
+/// protractor at a string, and a ruler at a lever.
 const USUAL_SHARE: f64 = 0.002;
 const USUAL_ANGLE_RAD: f64 = DEGREE;
 const USUAL_LEVER_M: f64 = 1e-3;
 
-/// Endings of names, each with the factor that converts its numbers to SI units (angles: radians).
+/// Endings of names, with factors to SI units (angles: radians).
 type Units = &'static [(&'static str, f64)];
 
 const NO_UNIT: Units = &[("", 1.0)];
@@ -51,7 +47,6 @@ const FORCE: Units = &[("_n", 1.0), ("_mn", 1e-3)];
 const LENGTH: Units = &[("_m", 1.0), ("_cm", 1e-2), ("_mm", 1e-3)];
 const ANGLE: Units = &[("_deg", DEGREE), ("_rad", 1.0)];
 
-/// Known names without their units, and their meanings.
 const NAMES: [(&str, Units, LoadColumn); 26] = [
     ("group", NO_UNIT, LoadColumn::Group),
     ("pose", NO_UNIT, LoadColumn::Group),
@@ -82,8 +77,7 @@ const NAMES: [(&str, Units, LoadColumn); 26] = [
 ];
 
 impl LoadColumn {
-    /// Returns the meaning of a column and the factor that converts its numbers to SI units, or a message
-    /// about the name.
+    /// Returns meaning and factor to SI units, or a message about the name.
     pub(crate) fn from_name(name: &str) -> Result<(Self, f64), String> {
         let plain = name.trim().to_lowercase().replace([' ', '-'], "_");
         if plain.starts_with("plan_") {
@@ -103,7 +97,7 @@ impl LoadColumn {
     }
 }
 
-/// Computes the load of a line. `number` returns the line's value of a column, `word` is its direction.
+/// Computes the load of a line; `number` returns the value of a column, `word` the direction.
 pub(crate) fn pull(
     number: impl Fn(LoadColumn) -> Option<f64>,
     word: Option<&str>,
@@ -130,11 +124,11 @@ pub(crate) fn pull(
         three(LoadColumn::Along),
         angles(LoadColumn::Azimuth, LoadColumn::Elevation)
             .map(|[azimuth, up]| [up.cos() * azimuth.cos(), up.cos() * azimuth.sin(), up.sin()]),
-        // −Rᵀ·z with R = Rz(yaw)·Ry(pitch)·Rx(roll), the sensor's axes in the room; yaw turns about the load.
+        // −Rᵀ·z with R = Rz(yaw)·Ry(pitch)·Rx(roll), the sensor's axes; yaw turns about the load.
         turned.map(|[roll, pitch]| {
             [pitch.sin(), -pitch.cos() * roll.sin(), -pitch.cos() * roll.cos()]
         }),
-        // At rest, an accelerometer reads the force that supports it, opposite to gravity.
+        // A still accelerometer reads the force that supports it, opposite to gravity.
         three(LoadColumn::Accelerometer).map(|read| read.map(|value| -value)),
     ];
     let mut given = ways.into_iter().flatten();
@@ -150,12 +144,10 @@ pub(crate) fn pull(
     Ok(Pull::Force { force_n, mass_kg, point_m, direction: along.map(|x| x / length) })
 }
 
-/// Returns the numbers with 0 for the absent ones, or `None` if all are absent.
 fn some_of<const N: usize>(numbers: [Option<f64>; N]) -> Option<[f64; N]> {
     numbers.iter().any(Option::is_some).then(|| numbers.map(Option::unwrap_or_default))
 }
 
-/// Returns the errors that a line states for its load, with the usual ones for those that it omits.
 pub(crate) fn errors(
     number: impl Fn(LoadColumn) -> Option<f64>,
     pull: &Pull,

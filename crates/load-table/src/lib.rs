@@ -1,7 +1,6 @@
-//! Tables of loads: the mass or force, the point and direction that it acts at, and the resulting wrench.
+//! Tables of loads: mass or force, its point and direction, and the resulting wrench.
 //!
-//! Each line is one load that is held still: a pose. One table lists the loads that a rig can apply, the
-//! order to apply them in, and the loads as applied.
+//! Each line is a pose: a load that a rig can apply, in its order, or a load as applied.
 //!
 //! | columns | meaning |
 //! |---|---|
@@ -17,7 +16,7 @@
 //! | `mounting` | a label shared by the loads of one mounting of the lever |
 //! | `mass_error_g` (or `_kg`), `force_error_n` (or `_mn`), `angle_error_deg` (or `_rad`), `lever_error_mm` (or `_cm`, `_m`) | standard errors; 0.2 %, 1° and 1 mm if absent |
 //!
-//! `notes` and columns whose names begin with `plan_` are copied unchanged. Frame: x forward, y left, z up.
+//! `notes` and `plan_…` columns are copied unchanged. Frame: x forward, y left, z up.
 //!
 //! ```
 //! use load_table::HungLoads;

@@ -1,13 +1,11 @@
-//! One load and its wrench.
-
 use std::fmt;
 
 use shell_data::wrench::{Axis, LoadErrors, PerAxis, force_at};
 
-/// The acceleration that turns a mass into a force, m/s² (CGPM 1901, resolution 2).
+/// Turns a mass into a force, m/s² (CGPM 1901, resolution 2).
 pub const STANDARD_GRAVITY: f64 = 9.80665;
 
-/// A load that is held still.
+/// A load held still.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HungLoad {
     /// The label of the pose.
@@ -18,7 +16,7 @@ pub struct HungLoad {
     pub errors: LoadErrors,
     /// The label of the lever's mounting, if given.
     pub mounting: Option<String>,
-    /// The line number in the table, from 1.
+    /// Line number in the table, from 1.
     pub line: usize,
 }
 
@@ -41,7 +39,7 @@ pub enum Pull {
 }
 
 impl HungLoad {
-    /// Returns the wrench about the sensor's origin, N and N·m: `F = force·direction`, `M = point × F`.
+    /// Returns the wrench about the origin, N and N·m: `F = force·direction`, `M = point × F`.
     pub fn wrench(&self) -> PerAxis<f64> {
         match self.pull {
             Pull::Wrench(wrench) => wrench,
@@ -86,7 +84,6 @@ impl fmt::Display for HungLoad {
     }
 }
 
-/// Formats a number with at most four digits.
 fn short(value: f64) -> String {
     if value == 0.0 {
         return "0".to_owned();

@@ -1,19 +1,17 @@
-//! The loads that a rig can apply, given as masses, points and directions or as a box instead of a table.
+//! Loads that a rig can apply, as masses, points and directions, or as a box.
 
 use std::fmt::Write as _;
 
 use super::table::HungLoads;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// The largest number of loads that [`combinations`] makes.
 const MOST: usize = 20_000;
 
-/// Combines every mass (kg) with every point (mm from the sensor's origin) and every direction into a table
-/// with labels from 1. A direction is a word as in the column `direction`, or azimuth and elevation in
-/// degrees: `30:-45`.
+/// Combines every mass (kg), point (mm from the origin) and direction into a table. A direction is
+/// a word as in the column `direction`, or azimuth and elevation in degrees: `30:-45`.
 ///
 /// # Errors
-/// A message about a direction that is wrong, or about too many loads.
+/// A message about a wrong direction, or too many loads.
 pub fn combinations(
     masses_kg: &[f64],
     points_mm: &[[f64; 3]],
@@ -47,7 +45,7 @@ pub fn combinations(
 pub struct WrenchBox(PerAxis<[f64; 2]>);
 
 impl WrenchBox {
-    /// Parses ranges; axes that are not named stay at 0.
+    /// Parses ranges; other axes stay at 0.
     ///
     /// # Errors
     /// A message with the part of the text that is not a range of an axis.
@@ -71,9 +69,9 @@ impl WrenchBox {
         Ok(Self(ranges))
     }
 
-    /// Returns the table of all combinations of both ends and the middle of each axis: the candidates of an
-    /// optimal second-order design (a 3ᵏ factorial; Box & Draper, Response Surfaces, 2nd ed., §11.3). Labels
-    /// are numbers from 1.
+    /// Returns all combinations of both ends and the middle of each axis: the candidates of an
+    /// optimal second-order design (a 3ᵏ factorial; Box & Draper, Response Surfaces, 2nd ed.,
+    /// §11.3).
     pub fn table(&self) -> HungLoads {
         let Self(ranges) = self;
         let mut rows = vec![[0.0; 6]];

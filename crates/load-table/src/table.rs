@@ -8,7 +8,7 @@ use super::columns::{LoadColumn, errors, pull};
 use super::load::HungLoad;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Loads, one per line, with the cells that they were read from.
+/// Loads, one per line, with their cells.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct HungLoads {
     header: Vec<String>,
@@ -20,16 +20,16 @@ pub struct HungLoads {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("line {line}{}: {message}", column.as_ref().map_or_else(String::new, |name| format!(", column `{name}`")))]
 pub struct HungLoadError {
-    /// The line number, from 1.
+    /// From 1.
     pub line: usize,
-    /// The name of the column, if one is at fault.
+    /// The column, if one is at fault.
     pub column: Option<String>,
     /// The message.
     pub message: String,
 }
 
 impl HungLoads {
-    /// Parses a table with a header. Blank lines and lines that begin with `#` are skipped.
+    /// Parses a table with a header; skips blank lines and lines that begin with `#`.
     ///
     /// # Errors
     /// [`HungLoadError`] with the line and the column.
@@ -130,15 +130,14 @@ impl HungLoads {
         &self.loads
     }
 
-    /// Returns the cells of a column, line by line; `None` if there is no column of this name.
+    /// Returns the cells of a column; `None` if there is no column of this name.
     pub fn column(&self, name: &str) -> Option<impl Iterator<Item = &str>> {
         let at = self.header.iter().position(|known| known.eq_ignore_ascii_case(name))?;
         Some(self.cells.iter().map(move |cells| cells[at].as_str()))
     }
 
-    /// Writes some of the lines, in the given order and with additional columns, as CSV that
-    /// [`HungLoads::parse`] reads. The names of additional columns begin with `plan_`. If the table has no
-    /// labels, they are added, so that lines keep them.
+    /// Writes some of the lines, in this order, as CSV that [`HungLoads::parse`] reads. The names
+    /// of additional columns begin with `plan_`. Missing labels are added, so that lines keep them.
     ///
     /// # Panics
     /// If an index is not below the number of lines.
@@ -177,7 +176,7 @@ fn fields(line: &str, separator: u8) -> Result<Vec<String>, String> {
     Ok(record.iter().map(str::to_owned).collect())
 }
 
-/// Parses the load of a line, or returns the column at fault and a message.
+/// Parses a line's load, or returns the column at fault and a message.
 fn load(
     line: usize,
     columns: &[(LoadColumn, f64)],
@@ -197,7 +196,7 @@ fn load(
             quantity => {
                 let value = cell.replace('−', "-").parse::<f64>().ok().filter(|x| x.is_finite());
                 let value = value.ok_or_else(|| (Some(at), format!("`{cell}` is not a number")))?;
-                // A point in m and a point in mm are two columns of the same quantity.
+                // Points in m and in mm are two columns of the same quantity.
                 if numbers.iter().any(|(known, _)| known == quantity) {
                     return Err((Some(at), "given twice, in two units".to_owned()));
                 }
@@ -224,7 +223,7 @@ mod tests {
     #[track_caller]
     fn assert_close(found: &[f64], expected: &[f64]) {
         for (found, expected) in found.iter().zip(expected) {
-            // Allows for a few roundings of numbers of order 1.
+            // A few roundings of numbers of order 1.
             assert!((found - expected).abs() < 1e-14, "{found:?} {expected:?}");
         }
     }

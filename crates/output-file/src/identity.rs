@@ -1,4 +1,4 @@
-//! The identity of the file that a path leads to, so that different names of one file are recognised.
+//! Identity of a file, by which its different names are recognised.
 
 use std::fs;
 use std::io;
@@ -6,20 +6,19 @@ use std::io;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-/// The longest chain of links that is followed, as in operating systems; links may form a cycle.
+/// Longest chain of links, as in operating systems; links may form a cycle.
 const MOST_LINKS: usize = 40;
 
-/// A property that identifies a file.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) enum FileKey {
     Path(PathBuf),
-    /// The device and the inode number.
+    /// Device and inode number.
     #[cfg(unix)]
     Number(u64, u64),
 }
 
-/// Returns all keys of the file at `path`; two paths that share any key name the same file. `None` for
-/// anything that cannot be replaced as a file: devices, pipes, folders.
+/// Returns all keys of a file; two paths with a common key name the same file. `None` for devices,
+/// pipes and folders, which cannot be replaced.
 pub(super) fn keys(path: &Path) -> Option<Vec<FileKey>> {
     let metadata = fs::metadata(path).ok();
     if metadata.as_ref().is_some_and(|metadata| !metadata.is_file()) {
@@ -31,7 +30,7 @@ pub(super) fn keys(path: &Path) -> Option<Vec<FileKey>> {
     Some(keys.collect())
 }
 
-/// Resolves a path through its links, even if there is no file at the end yet.
+/// Resolves links, even if there is no file at the end yet.
 pub(super) fn resolved(path: &Path) -> PathBuf {
     if let Ok(resolved) = path.canonicalize() {
         return resolved;
@@ -44,7 +43,6 @@ pub(super) fn resolved(path: &Path) -> PathBuf {
     }
 }
 
-/// Follows a chain of links to a path that does not exist yet.
 fn follow(path: &Path) -> io::Result<PathBuf> {
     let mut path = path.to_path_buf();
     for _ in 0..MOST_LINKS {

@@ -1,12 +1,11 @@
 //! The one place where files are opened for writing.
 //!
-//! [`Outputs`] knows which files a command reads and writes, and refuses to open an output that would replace
-//! an input or another output, under any name. A file appears whole or not at all: the bytes go to a
-//! temporary file in the same folder ([`AtomicFile`]), which replaces the target by a rename once everything
-//! is written. The file is not synced to disk first: a result can be made again from its logs, and a sync
-//! takes longer than a fit. The temporary file is made when the output is opened, so a path that cannot be
-//! written is reported before the work, not after it. A replaced file keeps its permissions, and a symbolic
-//! link still leads to it. Devices and pipes cannot be replaced, so they are written directly.
+//! [`Outputs`] refuses an output that would replace an input or another output, under any name. A
+//! file appears whole or not at all: a temporary file in the same folder ([`AtomicFile`]) replaces
+//! the target by a rename. It is not synced first: a result can be made again from its logs, and a
+//! sync takes longer than a fit. It is made when the output is opened, so a path that cannot be
+//! written is reported before the work. A replaced file keeps its permissions and the symbolic
+//! links to it. Devices and pipes are written directly.
 
 #![allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "writes files")]
 
@@ -26,27 +25,24 @@ use temporary::Temporary;
 
 pub use temporary::{before_unfinished, remove_unfinished};
 
-/// The files that a command reads and writes.
 #[derive(Debug, Default)]
 pub struct Outputs {
     known: Mutex<KnownFiles>,
 }
 
-/// Files, and an index of them by key.
 #[derive(Debug, Default)]
 struct KnownFiles {
     files: Vec<KnownFile>,
     by_key: HashMap<FileKey, usize>,
 }
 
-/// A file that is read, or an output that was announced or opened.
 #[derive(Debug)]
 struct KnownFile {
     path: PathBuf,
     stage: FileStage,
 }
 
-/// The progress of an output; it never goes back to an earlier stage.
+/// Progress of an output, in this order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum FileStage {
     Announced,
@@ -55,10 +51,8 @@ enum FileStage {
     Input,
 }
 
-/// An output that could not be opened, written or put in place.
 #[derive(Debug, thiserror::Error)]
 pub enum OutputError {
-    /// The system refuses.
     #[error("cannot write `{}`", path.display())]
     Failed { path: PathBuf, source: io::Error },
     /// The output is a file that is read, under any name.
@@ -76,15 +70,11 @@ pub enum OutputError {
 }
 
 impl OutputError {
-    /// Wraps a system error with the file's path.
     pub fn failed(path: impl Into<PathBuf>, source: io::Error) -> Self {
         Self::Failed { path: path.into(), source }
     }
 
-    /// Refuses the name of a binary table for a file that receives frames as text while they arrive.
-    ///
-    /// # Errors
-    /// [`OutputError::NotText`].
+    /// Refuses the name of a binary table for frames as text.
     pub fn check_text(path: &Path) -> Result<(), Self> {
         let extension = path.extension().map(|it| it.to_string_lossy().to_lowercase());
         let is_binary = |extension: &str| ["mcap", "parquet", "mat", "npy"].contains(&extension);
@@ -124,7 +114,7 @@ impl Outputs {
         Self::default()
     }
 
-    /// Registers `path` as an input, which no output may replace.
+    /// Registers an input, which no output may replace.
     ///
     /// # Errors
     /// [`OutputError::IsInput`] if it is an announced output.
@@ -140,10 +130,7 @@ impl Outputs {
         self.claim(path, FileStage::Announced)
     }
 
-    /// Announces an output and checks that it can be written, before the work of computing it.
-    ///
-    /// # Errors
-    /// [`OutputError`].
+    /// Announces an output and checks that it can be written, before the work.
     pub fn probe(&self, path: &Path) -> Result<(), OutputError> {
         self.open(path, FileStage::Probed).map(drop)
     }
@@ -151,8 +138,7 @@ impl Outputs {
     /// Opens `path` for writing and leaves an existing file alone until the commit.
     ///
     /// # Errors
-    /// [`OutputError`] if it is an input or another output, the directory does not exist or is not
-    /// writable, or `path` is a directory.
+    /// [`OutputError`] if it is an input, another output or a directory, or cannot be written.
     pub fn create(&self, path: impl AsRef<Path>) -> Result<AtomicFile, OutputError> {
         self.open(path.as_ref(), FileStage::Opened)
     }
@@ -162,10 +148,7 @@ impl Outputs {
         AtomicFile::open(path).map_err(|source| OutputError::failed(path, source))
     }
 
-    /// Writes `bytes` to `path`, whole or not at all.
-    ///
-    /// # Errors
-    /// [`OutputError`], as for [`create`](Self::create).
+    /// Writes `bytes` to `path`, whole or not at all; fails like [`create`](Self::create).
     pub fn write(&self, path: impl AsRef<Path>, bytes: &[u8]) -> Result<(), OutputError> {
         self.create(path)?.commit_with(bytes)
     }
@@ -174,7 +157,7 @@ impl Outputs {
         let Some(keys) = identity::keys(path) else { return Ok(()) };
         let (mut known, path) = (lock(&self.known), path.to_path_buf());
         let KnownFiles { files, by_key } = &mut *known;
-        // The system reuses an inode number once the file that had it is replaced.
+        // The system reuses the inode number of a replaced file.
         let has_now = |at: usize, key: &FileKey| {
             identity::keys(&files[at].path).is_some_and(|keys| keys.contains(key))
         };
@@ -200,17 +183,14 @@ impl Outputs {
     }
 }
 
-/// Formats the other name of a file, if it differs.
 fn also(path: &Path, other: &Path) -> String {
     if path == other { String::new() } else { format!(", which is `{}`", other.display()) }
 }
 
-/// A file that is being written and appears under its name on [`commit`](Self::commit).
+/// A file that appears under its name on [`commit`](Self::commit).
 pub struct AtomicFile {
     path: PathBuf,
-    /// The temporary file, a device, or the standard output.
     file: BufWriter<Box<dyn Write + Send>>,
-    /// The temporary file, and its target: the end of the links that the path leads through.
     replacement: Option<(Temporary, PathBuf)>,
 }
 

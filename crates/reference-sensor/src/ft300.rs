@@ -1,13 +1,11 @@
-//! Frames of the Robotiq FT 300: the header 20 4E, six little-endian values of 16 bits, and the Modbus CRC-16
-//! of these 14 bytes.
+//! Frames of the Robotiq FT 300: the header 20 4E, six little-endian 16-bit values, Modbus CRC-16.
 //!
-//! Forces are in hundredths of N, moments in thousandths of N·m. The header's bytes also occur inside frames:
-//! 200.00 N is 20000, which is 20 4E. The CRC therefore decides where a frame is; if it does not match, the
-//! search continues one byte later.
+//! Forces are in hundredths of N, moments in thousandths of N·m. The header also occurs inside
+//! frames: 200.00 N is 20000, which is 20 4E. So the CRC over these 14 bytes decides where a frame
+//! is; if it does not match, the search continues one byte later.
 
 use shell_data::PerAxis;
 
-/// Size of a frame, bytes.
 pub const FRAME_SIZE: usize = 16;
 
 const HEADER: [u8; 2] = [0x20, 0x4e];
@@ -15,7 +13,6 @@ const HEADER: [u8; 2] = [0x20, 0x4e];
 /// The Modbus request that starts the stream: writes 0x0200 to register 410 of slave 9.
 pub const START: [u8; 11] = [0x09, 0x10, 0x01, 0x9a, 0x00, 0x01, 0x02, 0x02, 0x00, 0xcd, 0xca];
 
-/// Returns the Modbus CRC-16.
 pub fn crc(bytes: &[u8]) -> u16 {
     bytes.iter().fold(0xffff, |crc, byte| {
         (0..8).fold(crc ^ u16::from(*byte), |crc, _| {
@@ -35,25 +32,20 @@ pub fn encode(values: [i16; 6]) -> [u8; FRAME_SIZE] {
     bytes
 }
 
-/// Extracts frames from a stream of bytes.
 #[derive(Clone, Debug, Default)]
 pub struct FrameReader {
     waiting: Vec<u8>,
-    /// Bytes since the last frame that belong to no frame.
     skipped: usize,
 }
 
-/// A frame, and the number of bytes skipped before it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ft300Frame {
     /// Forces in N, moments in N·m.
     pub wrench: PerAxis<f64>,
-    /// Bytes between the previous frame and this one, which belong to no frame.
     pub skipped: usize,
 }
 
 impl FrameReader {
-    /// Takes bytes, and returns the frames that are complete now.
     pub fn feed(&mut self, bytes: &[u8]) -> Vec<Ft300Frame> {
         self.waiting.extend_from_slice(bytes);
         let (mut frames, mut at) = (Vec::new(), 0);

@@ -1,12 +1,13 @@
 //! Data formats of commercial force/torque sensors, and a thread that reads one as a reference.
 //!
-//! - [`rdt`]: requests and records of ATI Net F/T boxes; [`page`]: the web page that states their units;
+//! - [`rdt`]: requests and records of ATI Net F/T boxes; [`page`]: the page with their units;
 //! - [`ft300`]: frames of the Robotiq FT 300;
 //! - [`lines`]: CSV and JSON lines from any program, with units in the names;
-//! - [`ReferenceSource`]: the location of a reference; [`open`](ReferenceSource::open) starts to read it.
+//! - [`ReferenceSource`]: a reference's location; [`open`](ReferenceSource::open) starts to read
+//!   it.
 //!
-//! The first four are pure: bytes in, values out. A sample carries the sensor's number or time if the sensor
-//! sends one, so that a program that was held up does not mistake old samples for new ones.
+//! The first four are pure. A sample carries the sensor's number or time, if sent, so that delayed
+//! samples are not mistaken for new ones.
 //!
 //! ```
 //! use reference_sensor::rdt::{RdtCommand, RdtRecord};

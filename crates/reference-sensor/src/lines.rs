@@ -1,9 +1,8 @@
 //! Samples from any program, one per line: CSV below a header line, or JSON objects.
 //!
-//! A column's name gives its meaning and unit, as in a log: `fx_n`, `Mz [N·mm]`, `force_x_lbf`, `time_ms`.
-//! Names in nested JSON objects are joined by dots (`wrench.force.x`). A column without a unit is in SI
-//! units. A time is on the program's clock; a column `index`, `seq`, `sequence` or `sample` numbers the
-//! samples, so that losses are counted. Other columns are ignored.
+//! A column's name gives its meaning and unit, by default SI, as in a log: `fx_n`, `Mz [N·mm]`,
+//! `force_x_lbf`, `time_ms`. Dots join names in nested JSON objects (`wrench.force.x`). A time is
+//! on the program's clock; a column `index`, `seq`, `sequence` or `sample` numbers the samples.
 
 use log_file::{LogFormat, Meaning, StatedUnit, meaning_of};
 use serde_json::Value;
@@ -11,29 +10,19 @@ use shell_data::{Axes, Axis, PerAxis, Scale};
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct LineSample {
-    /// Time on the program's clock, s.
+    /// On the program's clock.
     pub time_s: Option<f64>,
-    /// Number assigned by the program.
     pub number: Option<i64>,
     /// Forces in N, moments in N·m; 0 for axes without a column.
     pub wrench: PerAxis<f64>,
 }
 
-/// An error in the column names of a program's lines.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BadNames {
-    /// No column is a force or moment.
     #[error("no force or moment is among the names `{0}`")]
     NoLoad(String),
-    /// A column has an unknown unit.
     #[error("the unit `{unit}` of `{name}` is not understood")]
-    Unit {
-        /// The column.
-        name: String,
-        /// Its unit.
-        unit: String,
-    },
-    /// Two columns are the same axis.
+    Unit { name: String, unit: String },
     #[error("`{0}` is there twice")]
     Twice(&'static str),
 }
@@ -46,7 +35,6 @@ enum Role {
     Other,
 }
 
-/// Parses lines into samples.
 #[derive(Clone, Debug, Default)]
 pub struct LineReader {
     /// The column names read last; `roles` has their meanings.
@@ -57,15 +45,14 @@ pub struct LineReader {
 }
 
 impl LineReader {
-    /// Returns the measured axes, none until column names were read.
     pub fn axes(&self) -> Axes {
         self.axes
     }
 
-    /// Reads a line; returns `None` if it is a header, empty, or no valid sample.
+    /// Reads a line; `None` if it is a header, empty, or no valid sample.
     ///
     /// # Errors
-    /// [`BadNames`] if the column names are unsuitable, so that no line of this program can be read.
+    /// [`BadNames`] if the column names are unsuitable, so that no line can be read.
     pub fn read(&mut self, line: &str) -> Result<Option<LineSample>, BadNames> {
         let line = line.trim();
         if line.starts_with('{') {
@@ -116,7 +103,7 @@ impl LineReader {
         if axes.is_empty() {
             return Err(BadNames::NoLoad(names.join(", ")));
         }
-        // An axis that is missing from some lines is still a measured one.
+        // An axis that is missing from some lines is still measured.
         self.axes = Axis::ALL
             .into_iter()
             .filter(|axis| self.axes.contains(*axis) || axes.contains(axis))
@@ -125,7 +112,7 @@ impl LineReader {
         Ok(())
     }
 
-    /// Returns a sample if it has a load, and its loads, time and number are all finite.
+    /// Returns a sample if it has a load, and all its numbers are finite.
     fn sample(&self, values: &[Option<f64>]) -> Option<LineSample> {
         let mut sample = LineSample { time_s: None, number: None, wrench: [0.0; 6] };
         let mut has_load = false;

@@ -3,7 +3,6 @@
 use shell_data::escape::markup;
 use shell_data::{Axis, PerAxis, Quantity, Scale, Unit};
 
-/// The settings from the page that are needed to read records.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoxSettings {
     /// Counts per unit of force (`cfgcpf`).
@@ -17,38 +16,23 @@ pub struct BoxSettings {
 }
 
 impl BoxSettings {
-    /// Returns settings of 1 µN and 1 µN·m per count, which reach ±2147 N and N·m in 32 bits.
+    /// Returns 1 µN and 1 µN·m per count, up to ±2147 N and N·m in 32 bits.
     pub fn micro() -> Self {
         let (force_unit, torque_unit) = ("N".to_owned(), "N-m".to_owned());
         Self { counts_per_force: 1e6, counts_per_torque: 1e6, force_unit, torque_unit }
     }
 }
 
-/// A page without usable settings.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BadPage {
-    /// A field is missing.
     #[error("`netftapi2.xml` has no field `{0}`")]
     Missing(&'static str),
-    /// A field for counts does not hold a positive number.
     #[error("`netftapi2.xml` has `{text}` in `{field}`, which is no number of counts")]
-    Counts {
-        /// The field.
-        field: &'static str,
-        /// Its text.
-        text: String,
-    },
-    /// A unit is unknown.
+    Counts { field: &'static str, text: String },
     #[error("`netftapi2.xml` has the unit `{text}` in `{field}`, which is not understood")]
-    Unit {
-        /// The field.
-        field: &'static str,
-        /// Its text.
-        text: String,
-    },
+    Unit { field: &'static str, text: String },
 }
 
-/// Returns the page of a box with these settings that sends `rate_hz` records per second.
 pub fn write(settings: &BoxSettings, rate_hz: u32, product: &str) -> String {
     let BoxSettings { counts_per_force, counts_per_torque, force_unit, torque_unit } = settings;
     let fields = [
@@ -70,10 +54,6 @@ pub fn write(settings: &BoxSettings, rate_hz: u32, product: &str) -> String {
     format!("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<netft>\n{}</netft>\n", fields.concat())
 }
 
-/// Reads the settings from a page. Fields are found by name, in any order.
-///
-/// # Errors
-/// [`BadPage`] if counts or units are missing or unusable.
 pub fn read(page: &str) -> Result<BoxSettings, BadPage> {
     let counts = |name: &'static str| {
         let text = field(page, name).ok_or(BadPage::Missing(name))?;
@@ -95,19 +75,18 @@ pub fn read(page: &str) -> Result<BoxSettings, BadPage> {
     })
 }
 
-/// Returns the text of the first element with this name.
 fn field<'a>(page: &'a str, name: &str) -> Option<&'a str> {
     let opened = page.split_once(&format!("<{name}>"))?.1;
     Some(opened.split_once("</")?.0.trim())
 }
 
-/// Returns the scale of a unit, if it is known. ATI's `klbf` is the kip.
+/// ATI's `klbf` is the kip.
 fn understood(text: &str, quantity: Quantity) -> Option<Scale> {
     Unit::parse(text, quantity).map(|unit| unit.scale)
 }
 
 impl BoxSettings {
-    /// Converts counts to a wrench in N and N·m.
+    /// Converts counts to N and N·m.
     pub fn wrench(&self, counts: [i32; 6]) -> PerAxis<f64> {
         let scales = [(&self.force_unit, Quantity::Force), (&self.torque_unit, Quantity::Moment)]
             .map(|(unit, quantity)| understood(unit, quantity).unwrap_or(Scale::ONE));
@@ -121,7 +100,7 @@ impl BoxSettings {
         })
     }
 
-    /// Converts a wrench in N and N·m to counts; also returns true if a value is NaN or out of range.
+    /// Converts N and N·m to counts; also returns true if a value is NaN or out of range.
     pub fn counts(&self, wrench: &PerAxis<f64>) -> ([i32; 6], bool) {
         let mut beyond = false;
         let counts = Axis::ALL.map(|axis| {

@@ -9,29 +9,24 @@
 //! start of the stream, `ft_sequence` the samples measured. A count of 0 requests records without end. In
 //! buffered mode a datagram holds several records.
 
-/// The UDP port of a box.
 pub const PORT: u16 = 49152;
 
-/// Size of a request, bytes.
 pub const REQUEST_SIZE: usize = 8;
 
-/// Size of a record, bytes.
 pub const RECORD_SIZE: usize = 36;
 
-/// Maximum number of records per datagram in buffered mode (field `comrdtbsiz` of the page).
+/// Maximum records per datagram in buffered mode (field `comrdtbsiz` of the page).
 pub const BUFFERED: usize = 40;
 
 const HEADER: u16 = 0x1234;
 
-/// A request to a box.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RdtCommand {
     Stop,
-    /// Sends each record as it is measured; with the number of records, 0 for no end.
+    /// Each record as it is measured: their number, 0 without end.
     Start(u32),
-    /// Sends several records per datagram; with the number of datagrams, 0 for no end.
+    /// Several records per datagram: the number of datagrams, 0 without end.
     StartBuffered(u32),
-    /// Takes the present load as zero.
     Bias,
 }
 
@@ -50,7 +45,6 @@ impl RdtCommand {
         bytes
     }
 
-    /// Decodes a datagram; `None` if it is no request, or an unknown one.
     pub fn decode(bytes: &[u8]) -> Option<Self> {
         let bytes: [u8; REQUEST_SIZE] = bytes.try_into().ok()?;
         let [high, low, command_high, command_low, count @ ..] = bytes;
@@ -70,25 +64,21 @@ impl RdtCommand {
 
 /// Bits of the status word (ATI 9610-05-Ethernet Axia, table 4.7).
 pub mod status {
-    /// The box was too busy, and may have skipped samples. This is no error.
+    /// Too busy, and may have skipped samples; no error.
     pub const BUSY: u32 = 1 << 3;
     /// A strain gauge is at the end of its range.
     pub const GAGE_OUT_OF_RANGE: u32 = 1 << 27;
-    /// Force or torque is out of range.
     pub const LOAD_OUT_OF_RANGE: u32 = 1 << 30;
-    /// At least one bit that means an error is set.
+    /// A bit that means an error is set.
     pub const ERROR: u32 = 1 << 31;
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RdtRecord {
-    /// Number of records sent since the start of the stream.
     pub rdt_sequence: u32,
-    /// Number of samples measured.
     pub ft_sequence: u32,
-    /// Status word; see [`status`].
     pub status: u32,
-    /// Fx, Fy, Fz, Tx, Ty, Tz, in counts.
+    /// Fx, Fy, Fz, Tx, Ty, Tz.
     pub counts: [i32; 6],
 }
 
@@ -103,7 +93,7 @@ impl RdtRecord {
         bytes
     }
 
-    /// Decodes the records of a datagram; `None` if its size is not a multiple of a record's.
+    /// Decodes the records of a datagram, unless its size is no multiple of theirs.
     pub fn decode_all(datagram: &[u8]) -> Option<Vec<Self>> {
         let whole = !datagram.is_empty() && datagram.len().is_multiple_of(RECORD_SIZE);
         whole.then(|| datagram.chunks_exact(RECORD_SIZE).map(Self::decode).collect())
@@ -120,31 +110,25 @@ impl RdtRecord {
     }
 }
 
-/// How a record arrived.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RdtArrival {
     /// In order, after this number of missing records.
     Next(u32),
-    /// After a later record.
     Late,
-    /// For the second time.
     Duplicate,
-    /// As the first record after the box restarted its count.
     Restarted,
 }
 
-/// How many records behind the newest a late one can still be distinguished from a restarted count.
+/// Records behind the newest at which a late one can still be distinguished from a restart.
 const WINDOW: usize = 128;
 
 /// Numbers records without wraps, and determines how each arrived.
 ///
-/// A record whose sequence number does not increase is late, a duplicate, or the first after a restart. It is
-/// late if its place is still empty and it was measured before the newest record; a duplicate if its place
-/// holds the same record. Otherwise the box has restarted.
+/// A record whose number does not increase is late if its place is empty and it was measured before
+/// the newest; a duplicate if its place holds the same; otherwise the box has restarted.
 #[derive(Clone, Debug)]
 pub struct RdtTracker {
     newest: Option<(RdtRecord, i64)>,
-    /// The number of the first record since the last restart.
     first: i64,
     /// The last records, each at its number modulo the size.
     recent: Vec<Option<(i64, RdtRecord)>>,
@@ -157,7 +141,7 @@ impl Default for RdtTracker {
 }
 
 impl RdtTracker {
-    /// Returns the number of a record, which continues across wraps and restarts, and how the record arrived.
+    /// Returns a record's number, which continues across wraps and restarts, and its arrival.
     pub fn place(&mut self, record: RdtRecord) -> (i64, RdtArrival) {
         let Some((newest, last)) = self.newest else {
             self.first = i64::from(record.rdt_sequence);

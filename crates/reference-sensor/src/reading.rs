@@ -20,26 +20,25 @@ use super::page::{self, BoxSettings};
 use super::rdt::{self, RdtArrival, RdtCommand, RdtRecord, RdtTracker, status};
 use super::source::{ReferenceError, ReferenceSource};
 
-/// Timeout for the first sample. A Python program takes a second to start.
+/// Timeout for the first sample; a Python program takes a second to start.
 const FIRST: Duration = Duration::from_secs(8);
 
 const CONNECT: Duration = Duration::from_secs(3);
 
-/// Timeout of a read, and thus the time in which a thread notices that it should stop.
+/// Timeout of a read: a thread notices within it that it should stop.
 const WAIT: Duration = Duration::from_millis(100);
 
-/// Duration of silence after which the start request is sent again.
+/// Silence after which the start request is sent again.
 const SILENCE: Duration = Duration::from_secs(1);
 
-/// Pause after each read. Waking for each record at 1 kHz would take three times the processor time.
+/// Pause after each read: waking for each record at 1 kHz triples the processor time.
 const PACE: Duration = Duration::from_millis(3);
 
-/// Maximum length of a box's page, and of a line, bytes.
+/// Maximum size of a box's page, and of a line, bytes.
 const LONGEST: usize = 1 << 18;
 
 const FT300_BAUD: u32 = 19_200;
 
-/// The reading thread's connection to the recording.
 #[derive(Clone, Debug)]
 struct Teller {
     samples: Sender<ReferenceSample>,
@@ -160,7 +159,6 @@ impl ReferenceSource {
         connect(at).map_err(|error| self.refused(&error))
     }
 
-    /// Opens a socket to a box, and reads the settings from its page.
     fn open_box(
         &self,
         host: &str,
@@ -177,8 +175,7 @@ impl ReferenceSource {
         let socket = UdpSocket::bind(own).map_err(refused)?;
         socket.connect(address).map_err(refused)?;
         socket.set_read_timeout(Some(WAIT)).map_err(refused)?;
-        // A box serves its page at port 80; a program such as `shellcal stream` may serve it at the TCP port
-        // with the number of its RDT port.
+        // A box serves its page at port 80, `shellcal stream` perhaps at its RDT port's number.
         let ports = [port.filter(|port| *port != rdt::PORT), Some(80), Some(rdt_port)];
         let mut reasons = Vec::new();
         for port in ports.into_iter().flatten() {
@@ -208,7 +205,7 @@ fn connect(at: impl ToSocketAddrs) -> io::Result<TcpStream> {
     Err(last)
 }
 
-/// Requests `/netftapi2.xml` by HTTP 1.0, where closing the connection ends the answer.
+/// Closing the connection ends an answer in HTTP 1.0.
 fn get_page(at: SocketAddr) -> io::Result<String> {
     let mut stream = connect(at)?;
     stream.set_read_timeout(Some(CONNECT))?;
@@ -226,7 +223,7 @@ fn get_page(at: SocketAddr) -> io::Result<String> {
             Ok(0) => break,
             Ok(count) => answer.extend_from_slice(&buffer[..count]),
             Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-            // Some boxes leave the connection open, so that the read times out.
+            // Some boxes leave the connection open until the read times out.
             Err(_) if answer.len() > 100 => break,
             Err(error) => return Err(error),
         }
@@ -246,7 +243,7 @@ fn read_box(socket: &UdpSocket, settings: &BoxSettings, bias: bool, teller: &Tel
     let (mut tracker, mut missing) = (RdtTracker::default(), 0_i64);
     let mut datagram = [0; 1 << 12];
     let send = |command: RdtCommand| {
-        // The request may be refused while the box is off; it is repeated.
+        // The request is repeated, since a box that is off may refuse it.
         let _ = socket.send(&command.encode());
     };
     if bias {
@@ -265,10 +262,9 @@ fn read_box(socket: &UdpSocket, settings: &BoxSettings, bias: bool, teller: &Tel
             continue;
         };
         let mut count = Some(count);
-        // Also takes everything that has arrived since.
         let is_pacing = socket.set_nonblocking(true).is_ok();
         while let Some(length) = count {
-            // Read for each datagram, since more arrive while others are processed.
+            // Read for each datagram, since more arrive meanwhile.
             let arrival = Instant::now();
             heard = arrival;
             match RdtRecord::decode_all(&datagram[..length]) {
@@ -318,7 +314,7 @@ fn take_record(
         arrival,
         wrench: is_usable.then(|| settings.wrench(record.counts)),
         status: record.status,
-        // Negative after a late record from before the first of a run, which was never counted as missing.
+        // Negative after a late record from before a run, which never counted as missing.
         missing: u64::try_from(*missing).unwrap_or(0),
     });
 }
@@ -345,7 +341,7 @@ fn read_ft300(mut connection: Box<dyn Connection>, teller: &Teller) {
         let arrival = Instant::now();
         for frame in frames.feed(&buffer[..count]) {
             heard = arrival;
-            // Bytes before the first frame are the end of another, or the answer to the start request.
+            // Bytes before the first frame are the end of another, or the answer to the start.
             let lost = (frame.skipped + FRAME_SIZE / 2) / FRAME_SIZE;
             if number > 0 && frame.skipped > 0 {
                 lock(&teller.state).counts.damaged += 1;
@@ -374,7 +370,6 @@ fn is_pause(error: &io::Error) -> bool {
     matches!(error.kind(), Interrupted | TimedOut | WouldBlock)
 }
 
-/// Returns the command that runs a program by the system's shell.
 fn shell(command: &str) -> Command {
     let (name, flag) = if cfg!(windows) { ("cmd", "/C") } else { ("sh", "-c") };
     let mut shell = Command::new(name);
@@ -382,7 +377,7 @@ fn shell(command: &str) -> Command {
     shell
 }
 
-/// Reads a program's output on a second thread, which blocks in the read, while this one waits and kills it.
+/// Reads output on a second thread, which blocks in the read, while this one waits and kills.
 fn read_program(mut child: Child, teller: &Teller) {
     let Some(output) = child.stdout.take() else { return teller.end("it has no output") };
     let of_thread = teller.clone();
@@ -395,7 +390,7 @@ fn read_program(mut child: Child, teller: &Teller) {
     }
     let _ = child.kill();
     let status = child.wait();
-    // Children of a killed program may hold its output open: a thread that still reads is not joined.
+    // Children of a killed program may hold its output open: do not join a thread that reads.
     let read = if reading.is_finished() { reading.join() } else { Ok(Ok(())) };
     match (read, status) {
         (Ok(Err(problem)), _) => teller.end(problem),
@@ -432,7 +427,6 @@ fn read_lines(mut input: impl Read, teller: &Teller) -> Result<(), String> {
         for line in lines.lines() {
             match reader.read(line) {
                 Ok(Some(sample)) => samples.push(sample),
-                // The header, and lines before it.
                 Ok(None) if reader.axes().is_empty() || line.trim().is_empty() => {}
                 Ok(None) if order.number == 0 && samples.is_empty() => {}
                 Ok(None) => lock(&teller.state).counts.damaged += 1,
@@ -469,10 +463,9 @@ fn read_lines(mut input: impl Read, teller: &Teller) -> Result<(), String> {
     Ok(())
 }
 
-/// Numbers lines, which arrive in the order in which they were sent.
+/// Numbers lines, which arrive in the order of sending.
 #[derive(Clone, Copy, Debug, Default)]
 struct LineOrder {
-    /// The number of the last sample.
     number: i64,
     /// The last sample's number and time as sent.
     last: Option<(Option<i64>, Option<f64>)>,
@@ -480,8 +473,7 @@ struct LineOrder {
 }
 
 impl LineOrder {
-    /// Returns the number of a sample, and true if the program has restarted; `None` if the sample repeats
-    /// the previous one.
+    /// Returns a sample's number, and true after a restart; `None` if it repeats the previous one.
     fn place(&mut self, own: Option<i64>, tick: Option<f64>) -> Option<(i64, bool)> {
         let last = self.last.replace((own, tick));
         let step = match (last.and_then(|(own, _)| own), own) {

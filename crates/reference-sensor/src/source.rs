@@ -12,14 +12,12 @@ use super::rdt;
 pub enum ReferenceSource {
     /// An ATI Net F/T box, or a device that answers like one.
     NetFt {
-        /// Host name or address.
         host: String,
-        /// UDP port, if not the usual one; the page may then be at the TCP port of this number.
+        /// UDP port, if not the usual one; the page may be at the same TCP port.
         port: Option<u16>,
-        /// True if the load at the start is taken as zero.
+        /// True to take the load at the start as zero.
         bias: bool,
     },
-    /// A Robotiq FT 300 at a serial port.
     Ft300(String),
     /// A shell command that prints lines.
     Command(String),
@@ -27,7 +25,6 @@ pub enum ReferenceSource {
     Tcp(String),
 }
 
-/// Text that does not name a reference.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "`{0}` is none of `netft:HOST[:PORT][,bias]`, `ft300:PORT`, `lines:COMMAND`, `lines:tcp:HOST:PORT`"
@@ -64,7 +61,7 @@ impl FromStr for ReferenceSource {
     }
 }
 
-/// Splits a host from its port, if one is given. An IPv6 address with a port is in brackets.
+/// Splits off the port, if given. An IPv6 address with a port is in brackets.
 fn split_port(text: &str) -> Option<(String, Option<u16>)> {
     if let Some((host, after)) = text.strip_prefix('[').and_then(|rest| rest.split_once(']')) {
         let port = after.strip_prefix(':').map(|port| port.parse().ok());
@@ -95,53 +92,30 @@ impl fmt::Display for ReferenceSource {
     }
 }
 
-/// An error in opening a reference. Errors of the system are kept as text.
+/// An error in opening a reference. Errors of the system are text.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ReferenceError {
-    /// The reference cannot be reached.
     #[error("cannot open the reference `{source_name}`: {reason}")]
-    Open {
-        /// Its name.
-        source_name: String,
-        /// Error of the system.
-        reason: String,
-    },
-    /// The page of a box cannot be read.
+    Open { source_name: String, reason: String },
     #[error("cannot get `netftapi2.xml` from the reference `{source_name}`: {reason}")]
     NoPage {
-        /// Its name.
         source_name: String,
         /// The reason for each port that was tried.
         reason: String,
     },
-    /// The page of a box has no usable settings.
     #[error("the reference `{source_name}`: {problem}")]
-    Page {
-        /// Its name.
-        source_name: String,
-        /// The fault of the page.
-        problem: BadPage,
-    },
+    Page { source_name: String, problem: BadPage },
     #[error("the reference: {0}")]
     Port(#[from] board_link::LinkError),
-    /// No sample arrived.
     #[error("no sample from the reference `{source_name}` in {seconds} s{more}")]
     Silent {
-        /// Its name.
         source_name: String,
-        /// Waiting time, s.
         seconds: u64,
         /// Data that arrived instead, if any.
         more: String,
     },
-    /// The reference ended before its first sample.
     #[error("the reference `{source_name}`: {reason}")]
-    Ended {
-        /// Its name.
-        source_name: String,
-        /// The reason.
-        reason: String,
-    },
+    Ended { source_name: String, reason: String },
 }
 
 impl Hint for ReferenceError {

@@ -1,17 +1,15 @@
 //! Synthetic data from physics: the sensor, the robot, the board and the radio link.
 //!
-//! [`channel_study`] sweeps and varies the channel of beams. [`sensor_model`] simulates readings of a shell
-//! under load, and [`virtual_robot`] trials of a robot in a channel of beams; [`synthetic_log`] writes them
-//! as logs or returns them in memory. [`simulated_board`] runs the firmware's library over the sensor model
-//! on a pseudo-terminal or over TCP, behind a [`radio`] that loses and damages packets.
+//! [`channel_study`] varies the channel of beams. [`sensor_model`] simulates readings of a shell
+//! under load, and [`virtual_robot`] trials of a robot; [`synthetic_log`] writes them as logs or
+//! returns them in memory. [`simulated_board`] runs the firmware's library over the sensor model on
+//! a pseudo-terminal or over TCP, behind a [`radio`] that loses and damages packets.
 
-/// Invalid settings of an instrument, a recording, a trial, a load or a radio, or a line that the system does
-/// not provide to a board. The message states the requested value and the supported range.
+/// Invalid settings, or no line for a board. States the requested value and the supported range.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{0}")]
 pub struct SimulationError(String);
 
-/// Returns a [`SimulationError`] with this text unless a condition holds.
 macro_rules! ensure {
     ($holds:expr, $($text:tt)+) => {
         let holds: bool = $holds;

@@ -1,52 +1,40 @@
 //! A radio link with known failures, which it counts.
 //!
-//! Packets are sent at given times and arrive later: lost (singly or in bursts), duplicated, delayed, or with
-//! corrupted bytes. A seed determines the fate of each packet. There is no clock here: times are arguments.
+//! Packets arrive late, lost (singly or in bursts), duplicated, reordered, or with corrupted bytes,
+//! as a seed determines. Times are arguments; there is no clock here.
 
 use std::collections::BTreeMap;
 
 use crate::SimulationError;
 use shell_data::random::{Purpose, RandomStream};
 
-/// The failures of a link; the default is a perfect link.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Faults {
-    /// Share of packets that are lost singly.
     pub loss: f64,
     /// Share of packets that begin a burst, in which all packets are lost.
     pub bursts: f64,
-    /// Mean length of a burst, in packets.
     pub burst_packets: f64,
-    /// Share of packets that arrive twice.
     pub duplication: f64,
-    /// Share of packets that are held back, and so arrive after later ones.
+    /// Share of packets held back, which arrive after later ones.
     pub reordering: f64,
-    /// The maximum time that a packet is held back, in µs.
     pub hold_us: u64,
-    /// Share of bytes that are changed.
     pub corruption: f64,
-    /// The delay of a packet, in µs.
     pub delay_us: u64,
 }
 
-/// The counts of packets by fate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Books {
     pub sent: u64,
     pub lost: u64,
     pub lost_in_bursts: u64,
-    /// Packets sent twice.
     pub duplicated: u64,
     pub held_back: u64,
-    /// Arrivals with wrong bytes.
     pub corrupted: u64,
 }
 
-/// A packet that arrives.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Delivery {
     pub bytes: Vec<u8>,
-    /// The number of the packet sent, from 0.
     pub number: u64,
     pub intact: bool,
 }
@@ -55,7 +43,7 @@ pub struct Delivery {
 pub struct Radio {
     faults: Faults,
     random: RandomStream,
-    /// Ordered by time of arrival, then by order of queueing.
+    /// By time of arrival, then by order of queueing.
     on_the_way: BTreeMap<(u64, u64), Delivery>,
     queued: u64,
     in_burst: bool,
@@ -63,8 +51,7 @@ pub struct Radio {
 }
 
 impl Faults {
-    /// # Errors
-    /// [`SimulationError`] if a share is outside 0 to 1, or bursts have no length.
+    /// Fails if a share is outside 0 to 1, or bursts have no length.
     fn check(&self) -> Result<(), SimulationError> {
         let shares = [
             ("loss", self.loss),
@@ -85,10 +72,6 @@ impl Faults {
 }
 
 impl Radio {
-    /// Creates a link with faults at times determined by `seed`.
-    ///
-    /// # Errors
-    /// [`SimulationError`].
     pub fn new(faults: Faults, seed: u64) -> Result<Self, SimulationError> {
         faults.check()?;
         Ok(Self {
@@ -129,12 +112,10 @@ impl Radio {
         }
     }
 
-    /// The time of the next arrival, `None` if no packet is on its way.
     pub(crate) fn next_arrival_us(&self) -> Option<u64> {
         self.on_the_way.first_key_value().map(|(&(due_us, _), _)| due_us)
     }
 
-    /// Returns a packet that has arrived by a time in µs.
     pub fn receive(&mut self, now_us: u64) -> Option<Delivery> {
         match self.next_arrival_us()? <= now_us {
             true => self.on_the_way.pop_first().map(|(_, delivery)| delivery),
@@ -179,7 +160,7 @@ mod tests {
 
     const PACKETS: u64 = 100_000;
 
-    /// Numbers of the arrivals among packets sent every ms.
+    /// Returns the numbers that arrive of packets sent every ms.
     fn arrivals(faults: Faults, seed: u64) -> (Vec<u64>, Books) {
         let mut radio = Radio::new(faults, seed).unwrap();
         let mut numbers = Vec::new();
@@ -196,7 +177,6 @@ mod tests {
         (numbers, radio.books())
     }
 
-    /// Asserts that a binomial count is within five standard deviations.
     fn assert_share(count: u64, share: f64) {
         let expected = share * PACKETS as f64;
         let deviation = (expected * (1.0 - share)).sqrt();
@@ -226,8 +206,7 @@ mod tests {
         assert_share(books.held_back, 0.95 * 0.02);
         assert_share(books.corrupted, 0.95 * 1.01 * (1.0 - 0.999_f64.powi(8)));
         assert_eq!(numbers.len() as u64, PACKETS - books.lost + books.duplicated);
-        // One held packet in eight arrives before the next packet, 1 ms later, and a few next packets are
-        // lost: some 0.83 of the held packets are late.
+        // One held packet in eight overtakes the next, 1 ms later; with losses, some 0.83 are late.
         let mut newest = 0;
         let late = numbers.iter().filter(|&&number| {
             newest = newest.max(number);
@@ -243,7 +222,7 @@ mod tests {
         assert_eq!(numbers.len() as u64, PACKETS - books.lost_in_bursts);
         let gaps = numbers.windows(2).filter(|pair| pair[1] != pair[0] + 1).count();
         let mean = books.lost_in_bursts as f64 / gaps as f64;
-        // A geometric length of mean 5 has a standard deviation of 4.5; five standard errors over 950 bursts.
+        // Geometric lengths of mean 5 have an sd of 4.5; five standard errors over 950 bursts.
         assert!((mean - 5.0).abs() < 5.0 * 4.5 / 950.0_f64.sqrt(), "{mean}");
     }
 

@@ -1,8 +1,7 @@
-//! Writes recordings of the sensor model as CSV, row by row, and trials of the virtual robot in the format of
-//! the lab's tools; or returns the rows of a recording in memory, as a log reader would.
+//! Writes recordings as CSV, and trials in the lab's format; or returns rows in memory.
 //!
-//! Decimals are exact: the reference sensor's steps, 1/160 N and 1/32 N·mm, need five and eight of them. The
-//! file thus holds exactly the values of the model, and a given command always writes the same bytes.
+//! Decimals are exact: the reference sensor's steps, 1/160 N and 1/32 N·mm, need five and eight of
+//! them. The file thus holds exactly the values of the model, in the same bytes every time.
 
 use std::io::{self, Write};
 
@@ -14,13 +13,10 @@ use crate::virtual_robot::{TelemetryRow, TrialSettings};
 use shell_data::block::Block;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// The header of a board's log: time and readings.
 pub const FRAME_HEADER: &str = "t_s,s1,s2,s3,s4,s5,s6,s7,s8";
 
-/// The header of a reference's recording: time and wrench.
 pub const WRENCH_HEADER: &str = "t_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm";
 
-/// The columns of a log, their order and their names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SyntheticLayout {
     /// `t_s,s1..s8,fx_n..mz_nm`, then `group` (the pose) for loaded recordings.
@@ -32,7 +28,6 @@ pub enum SyntheticLayout {
 }
 
 impl SyntheticLayout {
-    /// The line that names the columns, empty if the layout has none.
     pub fn header(self, kind: RecordingKind) -> String {
         let group = if kind == RecordingKind::Zero { "" } else { ",group" };
         match self {
@@ -42,10 +37,6 @@ impl SyntheticLayout {
         }
     }
 
-    /// Writes one row.
-    ///
-    /// # Errors
-    /// Any error of `out`.
     pub fn write_row(
         self,
         out: &mut impl Write,
@@ -68,10 +59,6 @@ impl SyntheticLayout {
     }
 }
 
-/// Writes a row of a reference's recording.
-///
-/// # Errors
-/// Any error of `out`.
 pub fn write_wrench_row(
     out: &mut impl Write,
     time_s: f64,
@@ -82,10 +69,7 @@ pub fn write_wrench_row(
     writeln!(out)
 }
 
-/// Writes a row of a board's log; its clock counts µs.
-///
-/// # Errors
-/// Any error of `out`.
+/// The clock counts µs.
 pub fn write_frame(out: &mut impl Write, time_s: f64, frame: &SimulatedFrame) -> io::Result<()> {
     write!(out, "{time_s:.6}")?;
     write_readings(out, frame)?;
@@ -101,20 +85,16 @@ fn write_wrench(out: &mut impl Write, wrench: &PerAxis<f64>) -> io::Result<()> {
     write!(out, ",{fx:.5},{fy:.5},{fz:.5},{mx:.8},{my:.8},{mz:.8}")
 }
 
-/// The columns of a trial's log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TrialLayout {
     Full,
-    /// Telemetry text without the readings, as before the shell.
+    /// Telemetry text without readings, as before the shell.
     WithoutSensors,
-    /// `t_s,s1..s8`, as `shellcal record` writes: from the board alone.
+    /// `t_s,s1..s8`, as `shellcal record` writes from the board alone.
     WithoutTelemetry,
 }
 
 /// Writes the header of a telemetry text: free text, then the names of the columns.
-///
-/// # Errors
-/// Any error of `out`.
 pub fn write_telemetry_header(
     out: &mut impl Write,
     settings: &TrialSettings,
@@ -130,10 +110,6 @@ pub fn write_telemetry_header(
     writeln!(out, "% {robot}{}", if sensors { sensor } else { "" })
 }
 
-/// Writes a row of a telemetry text.
-///
-/// # Errors
-/// Any error of `out`.
 pub fn write_telemetry_row(
     out: &mut impl Write,
     row: &TelemetryRow,

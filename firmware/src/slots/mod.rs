@@ -6,36 +6,31 @@
 //! | 2,272 | 4 | generation, little-endian: the other slot's generation at the time of writing, plus one |
 //! | 2,276 | 4 | CRC-32 of all bytes before it, little-endian |
 //!
-//! A slot is valid if its CRC is right; of two valid slots, the newer generation is in use. A new record goes
-//! into the other slot, so the old one stays in use until the last byte is written. A slot whose erasing or
-//! writing was interrupted has a wrong CRC, or cannot be read at all if the memory has error detection.
-//! Either way it is invalid.
+//! A slot is valid if its CRC is right; of two valid slots, the newer generation is in use. A new
+//! record goes into the other slot, so the old one stays in use until the last byte is written. A
+//! slot whose erasing or writing was interrupted has a wrong CRC, or cannot be read at all.
 
 use crate::board::{Storage, StorageError};
 use crate::upload::{RECORD, Record};
 use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
 use embedded_storage::nor_flash::NorFlash;
 
-/// Generation and CRC-32, in bytes.
 const TAIL: usize = 8;
 
-/// Length of a slot in bytes.
 const SLOT: usize = RECORD + TAIL;
 
-/// Bytes read at a time, so that no record is copied to the stack.
+/// Bytes read at a time, to keep records off the stack.
 const PIECE: usize = 128;
 
 static CRC32: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
 
-/// Calibrations in a memory that is erased in sectors. The slots are at its start, each a whole number of
-/// sectors.
+/// Calibrations in a memory that is erased in sectors; the slots are the first whole ones.
 #[derive(Clone, Debug)]
 pub struct Slots<F> {
     pub(crate) flash: F,
 }
 
 impl<F: NorFlash> Slots<F> {
-    /// Creates the slots in a memory that is large enough for both.
     pub const fn new(flash: F) -> Self {
         const { assert!(SLOT.is_multiple_of(F::WRITE_SIZE), "a slot is written in whole words") };
         Self { flash }
@@ -45,7 +40,6 @@ impl<F: NorFlash> Slots<F> {
         slot * SLOT.next_multiple_of(F::ERASE_SIZE) as u32
     }
 
-    /// Returns the generation of a slot, `None` if it is invalid.
     fn generation(&mut self, slot: u32) -> Option<u32> {
         let digest = &mut CRC32.digest();
         let mut tail = [0; TAIL];
@@ -57,7 +51,7 @@ impl<F: NorFlash> Slots<F> {
         counts.then_some(u32::from_le_bytes(*generation))
     }
 
-    /// Reads the record of a slot piece by piece, and passes each with its position.
+    /// Reads the record of a slot in pieces, each passed on with its position.
     fn read_record(&mut self, slot: u32, mut take: impl FnMut(usize, &[u8])) -> Option<()> {
         let mut piece = [0; PIECE];
         for at in (0..RECORD).step_by(PIECE) {
@@ -68,7 +62,6 @@ impl<F: NorFlash> Slots<F> {
         Some(())
     }
 
-    /// Returns the slot in use and its generation.
     fn newest(&mut self) -> Option<(u32, u32)> {
         match (self.generation(0), self.generation(1)) {
             (Some(first), Some(second)) => {
@@ -80,7 +73,6 @@ impl<F: NorFlash> Slots<F> {
         }
     }
 
-    /// Erases a slot and writes it.
     fn replace(&mut self, slot: u32, generation: u32, record: &Record) -> Result<(), F::Error> {
         let mut digest = CRC32.digest();
         digest.update(record);

@@ -15,7 +15,6 @@ pub struct Converter {
     taring: Option<Taring>,
 }
 
-/// A mean in progress.
 #[derive(Clone, Debug)]
 struct Taring {
     mean: Wrench,
@@ -24,15 +23,14 @@ struct Taring {
 }
 
 impl Converter {
-    /// A converter without a zero.
     pub fn new(calibration: Calibration) -> Self {
         Self { calibration, zero: None, taring: None }
     }
 
-    /// Returns Fx, Fy, Fz in N and Mx, My, Mz in N·m for a frame of readings in counts.
+    /// Returns Fx, Fy, Fz in N and Mx, My, Mz in N·m for readings in counts.
     ///
-    /// Channels whose bit is set in `saturated` are unreliable; only a physics calibration can leave them
-    /// out. While a zero is being taken, the frame contributes to it.
+    /// Channels set in `saturated` are unreliable; only a physics calibration can leave them out.
+    /// While a zero is being taken, the frame contributes to it.
     pub fn convert(&mut self, readings: &[u16; CHANNELS], saturated: u8) -> [f32; AXES] {
         let wrench = match &self.calibration {
             Calibration::Cubic(cubic) => cubic_wrench(cubic, readings),
@@ -54,7 +52,7 @@ impl Converter {
         self.zero.is_some()
     }
 
-    /// Returns whether a zero is being taken, which needs converted frames.
+    /// Returns true while a zero is being taken, which needs converted frames.
     pub fn is_taring(&self) -> bool {
         self.taring.is_some()
     }
@@ -70,11 +68,11 @@ impl Converter {
     }
 }
 
-/// Computes the wrench of a frame of readings in counts with a cubic calibration.
+/// Computes the wrench with a cubic calibration.
 ///
-/// `w = C·φ(z) + c` in single precision, with `z = (r − centre) · scale` and the features φ = (z1, z1², z1³,
-/// z2, …). Readings are 16-bit integers, exact in an `f32`, and z is of order one. So the error is about 25
-/// roundings of the largest term: 3e-6 relative to it.
+/// `w = C·φ(z) + c` in single precision, with `z = (r − centre) · scale` and the features φ = (z1,
+/// z1², z1³, z2, …). 16-bit readings are exact in an `f32`, and z is of order one, so the error is
+/// about 25 roundings of the largest term: 3e-6 of it.
 fn cubic_wrench(calibration: &Cubic, readings: &[u16; CHANNELS]) -> Wrench {
     let Cubic { centre, scale, coefficients, intercept } = calibration;
     // Six numbers per feature, one feature after another: columns of a 6 × 24 matrix.

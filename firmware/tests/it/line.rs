@@ -5,7 +5,6 @@ use shared_proto::{Answer, Command, Edge, Packet, Refusal};
 
 use crate::bench::Bench;
 
-/// Trial time of a new rate, µs.
 const TRIAL_US: u64 = 3_000_000;
 
 fn edges(bench: &mut Bench) -> Vec<Edge> {
@@ -18,7 +17,7 @@ fn edges(bench: &mut Bench) -> Vec<Edge> {
         .collect()
 }
 
-/// Adds edges at these times in µs, with the number of edges missed before each.
+/// Adds edges at times in µs, each with the edges missed before.
 fn drive(bench: &Bench, seen: impl IntoIterator<Item = (u64, u16)>) {
     let seen = seen.into_iter().map(|(at_us, missed)| SeenEdge { at_us, missed });
     bench.world.edges.borrow_mut().extend(seen);
@@ -49,7 +48,7 @@ fn edges_without_end_cost_no_sample_and_are_counted() {
     let mut bench = Bench::new();
     bench.done(Command::Start);
     let start_us = bench.now_us();
-    // Held up for a tenth of a second, during which a hundred edges come: one is under way, and eight wait.
+    // Held up for a tenth of a second with a hundred edges: one is under way, and eight wait.
     bench.world.held_up.set(true);
     drive(&bench, (1..=100).map(|i| (start_us + 1_000 * i, 0)));
     bench.run_for(102_000);
@@ -92,7 +91,6 @@ fn a_rate_is_set_after_its_answer_and_kept_once_something_is_heard() {
 fn a_rate_without_reply_is_reverted() {
     let mut bench = Bench::on_a_line();
     bench.done(Command::SetBaud { baud: 921_600 });
-    // Noise does not count as heard.
     bench.send(&[0x55; 40]);
     bench.run_for(TRIAL_US + 300_000);
     assert_eq!(*bench.world.rates.borrow(), [rate(921_600), baud::FIRST]);
@@ -119,7 +117,6 @@ fn unknown_rates_and_rates_too_slow_for_the_stream_are_refused() {
 #[test]
 fn the_bootloader_is_started_after_its_answer_and_by_its_name() {
     let mut bench = Bench::on_a_line();
-    // The command is not possible for all boards at once.
     let to = bench.to.take();
     bench.tell(Command::Bootloader);
     bench.to = to;

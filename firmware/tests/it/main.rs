@@ -1,4 +1,4 @@
-//! The whole firmware in an environment with virtual time, tested through the bytes on its link.
+//! The whole firmware in virtual time, tested through the bytes on its link.
 
 mod bench;
 mod line;
@@ -32,7 +32,6 @@ fn half_a_minute_at_100_hz_has_every_frame_on_its_slot() {
     let mut samples = bench.done(Command::Start);
     bench.run_for(30_000_000);
     samples.extend(bench.samples());
-    // The first frame is immediate.
     assert_eq!(samples.len(), 3_001);
     for (i, sample) in samples.iter().enumerate() {
         assert_eq!(usize::from(sample.sequence), i);
@@ -80,8 +79,8 @@ fn a_blocked_link_drops_samples_and_counts_them() {
     bench.world.held_up.set(false);
     bench.run_for(100_000);
     let samples = bench.samples();
-    // One sample on its way and the last 15 entries of the queue, one of them a health report, then the
-    // samples of the 100 ms; the 84 between are counted.
+    // One sample on its way and the last 15 entries of the queue, one of them a health report, then
+    // those of the 100 ms; the 84 between are counted.
     assert_eq!(samples.len(), 16 + 10);
     let sequence: Vec<u16> = samples.iter().map(|sample| sample.sequence).collect();
     assert_eq!(sequence, (1..27).collect::<Vec<u16>>());
@@ -125,7 +124,6 @@ fn a_new_period_counts_from_the_command_and_stopping_stops() {
     bench.run_for(1_000_000);
     assert!(bench.packets().is_empty());
     let samples = bench.done(Command::Start);
-    // The sequence continues.
     assert_eq!(samples[0].sequence, 8);
 }
 
@@ -166,7 +164,6 @@ fn wrenches_equal_those_of_the_calibration_uploaded_less_the_zero() {
         // 50 roundings of values of up to about 20 N.
         assert!(mean.abs() < 1e-4, "{mean}");
     }
-    // Removes the zero.
     bench.done(Command::Zero { frames: 0 });
     bench.run_for(20_000);
     let last = *bench.samples().last().unwrap();
@@ -297,7 +294,6 @@ fn a_command_of_another_version_is_refused_but_its_samples_are_not_answered() {
     bench.run_for(1_000);
     let refused = Packet::Answer { number: 0, answer: Answer::Refused(Refusal::OtherVersion) };
     assert_eq!(bench.packets(), [refused]);
-    // The start command of version 2.
     bench.send(&[0x01, 0x03, 0x28, 0x07, 0x01, 0x01, 0x01, 0x01, 0x04, 0x03, 0xBF, 0x6E, 0x00]);
     bench.run_for(1_000);
     assert_eq!(bench.packets(), [refused]);
@@ -413,9 +409,9 @@ fn the_watchdog_is_not_fed_while_a_conversion_does_not_end() {
     assert!(bench.world.longest_unfed_us.get() >= 5_000_000);
 }
 
-// Light with an amplitude of 300 steps over a reading of 1,600, at the settings after a reset, whose
-// conversions of 1.5 µs make Δ 112 µs: 300 · (1 − cos 2πfΔ) is 1.1 steps at 120.6 Hz, and a channel is
-// rounded to a 16th of a step.
+// Light with an amplitude of 300 steps over a reading of 1,600, at the default settings, whose
+// conversions of 1.5 µs make Δ 112 µs: 300 · (1 − cos 2πfΔ) is 1.1 steps at 120.6 Hz, and a channel
+// is rounded to a 16th of a step.
 #[test]
 fn of_light_that_flickers_less_than_two_steps_are_left() {
     for mains in [50.0, 60.0, 100.0, 120.0] {
@@ -432,7 +428,7 @@ fn of_light_that_flickers_less_than_two_steps_are_left() {
             let samples = bench.samples();
             assert!(samples.len() >= 300);
             let steps = samples.iter().flat_map(readings).map(|counts| f64::from(counts) / 16.0);
-            // Codes are rounded, which moves each of three means by up to half a step.
+            // Rounding moves each of three means by up to half a step.
             let worst = steps.map(|step| (step - 1_600.0).abs()).fold(0.0, f64::max);
             assert!(worst <= 2.0 + 0.5, "{worst} at {} Hz", mains * off);
         }

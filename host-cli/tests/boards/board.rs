@@ -1,4 +1,4 @@
-//! Shared parts of the simulated boards: a pty, a program that waits for it, and a healthy status.
+//! Shared parts of the simulated boards.
 
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
@@ -8,15 +8,14 @@ use serialport::{SerialPort, TTYPort};
 use shared_proto::{ResetCause, Status, Stream};
 use system_tests::program;
 
-/// The board's end of a pty, and the name of the other.
+/// Returns the board's end of a pty, and the name of the other.
 pub(crate) fn pty() -> (TTYPort, String) {
     let (mut board, host) = TTYPort::pair().unwrap();
     board.set_timeout(Duration::from_millis(10)).unwrap();
     (board, host.name().unwrap())
 }
 
-/// Records from the port `adapter` once it exists. The program is started before the pty is made: a program
-/// that starts later inherits the board's end and would keep it open.
+/// Records from the port `adapter` once it exists: a later program inherits the board's end.
 pub(crate) fn start_before_the_port(dir: &Path, arguments: &str) -> Child {
     Command::new("sh")
         .arg("-c")
@@ -30,7 +29,6 @@ pub(crate) fn start_before_the_port(dir: &Path, arguments: &str) -> Child {
         .unwrap()
 }
 
-/// Its status after some frames at the settings after a reset.
 pub(crate) fn sound_status() -> Status {
     Status {
         streaming: false,

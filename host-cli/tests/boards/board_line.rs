@@ -1,5 +1,4 @@
-//! `shellcal board PORT baud` and `bootloader`, with a board made of the protocol alone on a pty, and with
-//! the simulated one.
+//! `shellcal board PORT baud` and `bootloader`, with a fake and with the simulated board.
 
 use std::io::{Read, Write};
 use std::sync::Arc;
@@ -13,7 +12,7 @@ use system_tests::program::{self, ended, refused, succeed};
 
 use crate::board::{pty, sound_status};
 
-/// A board whose line has a rate; up to `fastest` the wire carries it.
+/// A board whose line has a rate; the wire carries rates up to `fastest`.
 struct RatedBoard {
     port: String,
     rate: Arc<AtomicU32>,

@@ -1,4 +1,4 @@
-//! `shellcal board` over a pty, with boards made of the protocol alone.
+//! `shellcal board` over a pty, with fake boards.
 
 use std::io::{Read, Write};
 use std::panic::{RefUnwindSafe, catch_unwind, resume_unwind};
@@ -18,7 +18,7 @@ use system_tests::program::{refused, succeed};
 use crate::board::pty;
 use crate::recording::{assert_rows_are, calibration, frame, read_log};
 
-/// Writes what `obey` replies to each command that arrives, until it is stopped.
+/// Writes the replies of `obey` to each command, until it is stopped.
 fn serve(
     mut port: TTYPort,
     stopped: &AtomicBool,
@@ -40,7 +40,7 @@ fn serve(
     }
 }
 
-/// A board that obeys, but hears only every second frame, and streams noise and old answers between.
+/// A board that hears only every second frame, and streams noise and old answers between.
 struct FakeBoard {
     stop: Arc<AtomicBool>,
     heard: Arc<Mutex<Vec<Command>>>,
@@ -61,7 +61,7 @@ impl FakeBoard {
                 if deaf || arrivals % 2 == 1 {
                     return Vec::new();
                 }
-                // A repeat of what was answered too late, on a busy machine, is answered again.
+                // A repeat of a command that was answered too late is answered again.
                 if last != Some(number) {
                     last = Some(number);
                     commands.lock().unwrap().push(command);
@@ -84,9 +84,8 @@ impl FakeBoard {
     }
 }
 
-/// Runs a scenario, and anew where a busy machine held the fake board up for longer than the program waits for an answer,
-/// two seconds in all: that says nothing of the program. A program that gets no answer for another reason gets none in
-/// any of five runs.
+/// Repeats a scenario, up to five times, if a busy machine holds the fake board up for longer than
+/// the program waits for an answer, two seconds in all.
 fn where_the_board_is_not_held_up(scenario: impl Fn() + RefUnwindSafe) {
     for run in 1.. {
         let Err(panic) = catch_unwind(&scenario) else { return };
@@ -133,7 +132,7 @@ fn answer(command: &Command, upload: &mut Vec<u8>, crc: &mut u32, keeps: bool) -
         Command::SetPeriod { period_us } if *period_us < 1000 => {
             Answer::Refused(Refusal::PeriodTooShort { shortest_us: 3_000 })
         }
-        // The size of powers: firmware from before the physics model knows no other.
+        // Firmware from before the physics model knows only the size of powers.
         Command::BeginCalibration { size, .. } if *size != 668 => {
             Answer::Refused(Refusal::WrongSize)
         }
@@ -194,8 +193,7 @@ fn commands_are_repeated_until_they_are_answered() {
 fn start_is_sent_until_the_board_streams_and_stop_at_the_end() {
     let dir = tempfile::tempdir().unwrap();
     let (port, name) = pty();
-    // As soon as no program has the line open, the board's end reports it dead, even if bytes are still
-    // unread.
+    // While no program has the line open, the board's end reports it dead, even with unread bytes.
     let _open = std::fs::File::open(&name).unwrap();
     // It hears every second command: the second start and the second stop.
     let board = FakeBoard::start(port, false, true);
@@ -206,10 +204,8 @@ fn start_is_sent_until_the_board_streams_and_stop_at_the_end() {
         thread::sleep(Duration::from_millis(5));
     }
     let mut heard = board.stop();
-    // On a busy machine answers may come late, and commands be repeated.
     heard.dedup();
     assert_eq!(heard, [Command::Start, Command::Stop]);
-    // Each answer comes with frame 7, twice.
     assert_rows_are(&read_log(&dir.path().join("log.csv")).unwrap(), [7]);
 }
 
@@ -248,7 +244,7 @@ fn commands_to_two_boards_need_a_serial_number() {
         let (port, name) = pty();
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = Arc::clone(&stop);
-        // Two boards behind one port: both answer to a question, and one to an order that names it.
+        // Both boards answer a query, and one an order that names it.
         let thread = thread::spawn(move || {
             let mut orders = Vec::new();
             serve(port, &stopped, |number, to, command| {
@@ -280,7 +276,6 @@ fn commands_to_two_boards_need_a_serial_number() {
         succeed(dir.path(), &format!("board {name} --board {serial} rate 250"));
         stop.store(true, Ordering::Relaxed);
         let mut orders = thread.join().unwrap();
-        // On a busy machine an answer may come late, and the command be repeated.
         orders.dedup();
         assert_eq!(orders, [(other, Command::SetPeriod { period_us: 4000 })]);
     });

@@ -1,4 +1,4 @@
-//! Wrenches computed by the board, compared with those of the host.
+//! Wrenches computed by the board, compared with the host's.
 
 use std::path::Path;
 
@@ -12,7 +12,6 @@ use system_tests::{program, real_recording};
 
 const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration-data");
 
-/// The calibration that the program fits.
 fn fit(arguments: &str) -> Calibration {
     let dir = tempfile::tempdir().unwrap();
     let arguments = format!("fit {arguments} --model physics -o cal.json");
@@ -20,7 +19,7 @@ fn fit(arguments: &str) -> Calibration {
     CalibrationFile::read(&dir.path().join("cal.json")).unwrap().calibration
 }
 
-/// Every so many-th frame of a log of whole readings, eight columns from `first` on.
+/// Returns every `step`-th frame of a log of whole readings, eight columns from `first` on.
 fn frames(log: &Path, first: usize, step: usize) -> Vec<[u16; CHANNELS]> {
     let text = std::fs::read_to_string(log).unwrap();
     let frame = |line: &str| {
@@ -30,8 +29,8 @@ fn frames(log: &Path, first: usize, step: usize) -> Vec<[u16; CHANNELS]> {
     text.lines().skip(1).step_by(step).map(frame).collect()
 }
 
-/// The most that an axis of the board is off the host, in standard errors, over the frames that the host takes all
-/// channels of.
+/// Returns the largest difference between board and host on an axis, in standard errors, over
+/// frames whose channels the host all takes.
 fn worst(calibration: &Calibration, frames: &[[u16; CHANNELS]]) -> f64 {
     let Kind::Physics(host) = &calibration.kind else { panic!("not the physics model") };
     let mut board = Converter::new(for_board(calibration).unwrap());
@@ -56,9 +55,8 @@ fn worst(calibration: &Calibration, frames: &[[u16; CHANNELS]]) -> f64 {
     worst
 }
 
-/// The host ends a thousandth of a standard error from rest, the board a small part of a hundredth, with variances
-/// from the parameters that may be those of a third of one before. Rounding is far below: a reading's 2⁻²⁴ are 10⁻⁵ of
-/// its noise.
+/// The host stops a thousandth of a standard error from the minimum, the board a small part of a
+/// hundredth, with variances of an earlier step. Rounding, 2⁻²⁴ of a reading, is 10⁻⁵ of its noise.
 const TOLERANCE: f64 = 0.01;
 
 #[test]

@@ -1,8 +1,8 @@
-//! `shellcal doctor` on planted faults, which it must name, and on sound set-ups, in which it must find none.
+//! `shellcal doctor` names planted faults, and finds none in sound set-ups.
 //!
-//! Faults of files are planted in the shipped recordings and in calibrations fitted to them; faults of boards
-//! in a board made of the protocol alone, on a pty. Faults of the system (permissions, adapters) are planted
-//! in the tests of `link/port_state.rs` and `workflow/doctor/port.rs`.
+//! Faults of files are planted in the shipped recordings and in calibrations fitted to them, faults
+//! of boards in a fake board on a pty, faults of the system (permissions, adapters) in the tests of
+//! `link/port_state.rs` and `workflow/doctor/port.rs`.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -12,7 +12,7 @@ use system_tests::program::{self, refused, succeed};
 
 use crate::sealed::sealed_value;
 
-/// Runs the doctor: exit code, findings that are not fine with their severity, and the text of stderr.
+/// Runs the doctor: exit code, findings that are not fine with their severity, and stderr.
 pub(crate) fn examine(dir: &Path, arguments: &str) -> (i32, Vec<(String, String)>, String) {
     let output = program::output(dir, &format!("--json doctor {arguments}"));
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -35,7 +35,7 @@ pub(crate) fn examine(dir: &Path, arguments: &str) -> (i32, Vec<(String, String)
     (code, found, report.to_string())
 }
 
-/// The doctor must find this, and nothing else.
+/// Checks that the doctor finds this, and nothing else.
 fn assert_found(dir: &Path, arguments: &str, expected: &[(&str, &str)]) {
     let (_, found, report) = examine(dir, arguments);
     let found: Vec<_> = found.iter().map(|(c, s)| (c.as_str(), s.as_str())).collect();
@@ -46,7 +46,6 @@ fn shipped(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../calibration-data").join(name)
 }
 
-/// A shipped recording as rows of numbers, to plant a fault in.
 struct Table {
     header: Vec<String>,
     rows: Vec<Vec<f64>>,
@@ -108,7 +107,7 @@ impl Table {
 
 const WRENCH: [&str; 6] = ["fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"];
 
-/// A calibration of the shipped training data, tested, as `cal.json`.
+/// Writes a tested calibration of the shipped training data as `cal.json`.
 fn calibrate(dir: &Path) {
     let (train, test) = (shipped("synthetic-train.csv"), shipped("synthetic-test.csv"));
     let files = format!("{} --test {}", train.display(), test.display());
@@ -154,14 +153,14 @@ fn planted_faults_of_logs_are_found() {
     let near = |limit: f64| test().change("s5", move |_, s| (s * 2.0).min(limit));
     found("near.csv", &near(4095.0), &[("channel-saturated", "fault")]);
     found("supply.csv", &near(3300.0), &[("channel-saturated", "fault")]);
-    // 4 An emitter that is dark: the converter's last digit.
+    // 4 A dark emitter: the converter's last digit.
     let dark = zero().change("s7", |row, _| 10.0 + (row % 3 == 0) as u8 as f64);
     found("dark.csv", &dark, &[("channel-quiet", "warning")]);
     // 5 One wire to two inputs.
     let mut shared = zero();
     shared.rows.iter_mut().for_each(|row| row[2] = row[5]);
     found("shared.csv", &shared, &[("channels-identical", "fault")]);
-    // 6 Two plugs exchanged, with a reference beside the readings and without.
+    // 6 Two plugs exchanged, with a reference and without.
     with_calibration("swap.csv", &test().swap("s1", "s2"), &[("channels-swapped", "fault")]);
     let unloaded = zero().swap("s2", "s7");
     with_calibration("swap0.csv", &unloaded, &[("channels-swapped", "fault")]);
@@ -175,7 +174,7 @@ fn planted_faults_of_logs_are_found() {
     found("lossy.csv", &lossy, &[("losses", "fault")]);
     let set = zero().change("t_s", |row, t| if row < 250 { t } else { t - 20.0 });
     found("set.csv", &set, &[("time-backward", "fault")]);
-    // Training recordings that were put together are groups of a fit.
+    // Concatenated training recordings are groups of a fit.
     let joined = test().change("t_s", |row, t| if row < 400 { t } else { t - 40.0 });
     found("joined.csv", &joined, &[("time-backward", "warning")]);
     let coarse = zero().change("t_s", |_, t| (t * 5.0).floor() / 5.0);
@@ -192,7 +191,6 @@ fn planted_faults_of_logs_are_found() {
     // 13 A line that was cut, 14 a log that is too short, 15 a file that is no log.
     let text = zero().text().replacen("\n2", "\nx2", 1);
     fs::write(dir.join("cut.csv"), text).unwrap();
-    // Without that row, one is missing.
     assert_found(dir, "cut.csv", &[("bad-rows", "fault"), ("losses", "warning")]);
     let mut short = zero();
     short.rows.truncate(30);
@@ -212,7 +210,7 @@ fn planted_faults_of_logs_are_found() {
     let (_, found_other, report) = examine(dir, "other.csv --calibration cal.json");
     assert!(found_other.iter().any(|(check, _)| check == "error"), "{report}");
     with_calibration("seven.csv", &zero().without(&["s8"]), &[("channels-other", "fault")]);
-    // 18 A zero that creeps: by 100 counts over the recording, on channels of all kinds.
+    // 18 A zero that creeps: by 100 counts, on channels of all kinds.
     succeed(dir, "synth zero --rows 2000 --output long.csv");
     let long = Table::read(&dir.join("long.csv")).without(&WRENCH);
     let creeping = ["s1", "s2", "s3", "s4"]
@@ -244,7 +242,7 @@ fn planted_faults_of_calibrations_are_found() {
     found("rank.json", &rank, &[("rank", "fault")]);
     let condition = |document: &mut Value| document["diagnostics"]["condition"] = json!(3e8);
     found("condition.json", &condition, &[("condition", "warning")]);
-    // 22 Never tested, 23 three times as wrong on data that it has not seen.
+    // 22 Never tested, 23 three times the error on new data.
     let untested = |document: &mut Value| document["diagnostics"]["test"] = Value::Null;
     found("untested.json", &untested, &[("untested", "warning")]);
     let overfit = |document: &mut Value| {
@@ -252,14 +250,14 @@ fn planted_faults_of_calibrations_are_found() {
         *rms = json!(rms.as_f64().unwrap() * 3.0);
     };
     found("overfit.json", &overfit, &[("overfit", "fault")]);
-    // 24 Trained on a channel at the end of its range, 25 on one that was dead.
+    // 24 Trained on a channel at the end of its range, 25 on a dead one.
     let saturated = |document: &mut Value| document["valid_range"][3]["max"] = json!(4095.0);
     found("saturated.json", &saturated, &[("channel-saturated", "fault")]);
     let dead = |document: &mut Value| {
         document["valid_range"][3] = json!({ "min": 812.0, "max": 812.0 });
     };
     found("dead.json", &dead, &[("channel-dead", "fault")]);
-    // 26 Four years old, 27 of the year after next: the program's day is one in 2017 here.
+    // 26 Four years old, 27 of the year after next: the program's date is in 2017 here.
     let of = |date: &'static str| move |document: &mut Value| document["date"] = json!(date);
     found("old.json", &of("2013-07-14T02:40:00Z"), &[("age", "warning")]);
     found("ahead.json", &of("2019-07-14T02:40:00Z"), &[("age", "warning")]);
@@ -301,13 +299,13 @@ fn missing_files_are_errors() {
     );
 }
 
-/// Recordings of others that are as they should be, but for what their authors know of them.
+/// Findings that the recordings' authors know of.
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
 fn findings_on_real_recordings_are_those_that_their_authors_would_agree_with() {
     let dir = tempfile::tempdir().unwrap();
     let others = |name: &str| system_tests::real_recording(&format!("others/{name}"));
-    // Poses that were put together, one of which begins with rows of another.
+    // Concatenated poses, one of which begins with rows of another.
     let poses = others("photointerrupters/poses.csv");
     let (code, found, report) = examine(dir.path(), &poses.display().to_string());
     assert_eq!(code, 0, "{report}");

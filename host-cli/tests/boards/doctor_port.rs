@@ -1,5 +1,4 @@
-//! `shellcal doctor` on boards: one made of the protocol alone, on a pty, with a fault planted, and the
-//! simulated board.
+//! `shellcal doctor` on boards: a fake one with a planted fault, and the simulated board.
 
 use std::fs;
 use std::io::{Read, Write};
@@ -21,7 +20,7 @@ use crate::board::{pty, sound_status};
 use crate::doctor::examine;
 use crate::recording::calibration;
 
-/// More boards than that and their programs, beside the other tests, may not keep to their own times.
+/// More boards and programs may be late beside the other tests.
 const BOARDS_AT_ONCE: usize = 8;
 
 /// A healthy board, except for the planted fault.
@@ -30,11 +29,8 @@ struct Plan {
     serials: Vec<[u8; 12]>,
     firmware: [u8; 3],
     status: Status,
-    /// The speed at which it hears and sends; any, unless given.
     baud: Option<u32>,
-    /// Packets that it sends, if any.
     sends: Sends,
-    /// Its stream.
     sample: fn(u64) -> Option<Sample>,
 }
 
@@ -42,21 +38,18 @@ struct Plan {
 enum Sends {
     /// Answers, and samples once it was started.
     All,
-    /// Answers, and never samples.
     Answers,
-    /// Samples all the time and no answers, framed by the radio.
+    /// Samples without a start and no answers, framed by the radio.
     Samples(Framing),
-    /// Answers of this version of the protocol to whatever it is asked.
+    /// Answers of this version of the protocol to any question.
     Version(u8),
-    /// Bytes that mean nothing.
     Noise,
-    /// Nothing.
     Nothing,
 }
 
 const SERIAL: [u8; 12] = *b"serialnumber";
 
-/// Readings that wander as those of a shell at rest do.
+/// Readings that wander like those of an unloaded shell.
 fn readings(index: u64) -> [u16; 8] {
     let mut random = Random(index * 77 + 1);
     std::array::from_fn(|channel| 24_000 + 2_000 * channel as u16 + random.bits(7) as u16)
@@ -112,8 +105,7 @@ impl Plan {
     }
 }
 
-/// The answer of a board with another protocol version: refused, other version, under its own header
-/// (shared-proto/README.md).
+/// A refusal of another version, under the header of this version (shared-proto/README.md).
 fn other_version(version: u8) -> Vec<u8> {
     let content = [version << 4 | 9, 0, 0, 3, 2];
     let crc = |bytes: &[u8]| {
@@ -123,7 +115,7 @@ fn other_version(version: u8) -> Vec<u8> {
             })
         })
     };
-    // The mask is one with which no byte is zero, so that COBS is a length in front.
+    // With this mask no byte is zero, so that COBS is a length in front.
     let packet = |mask: u8| {
         let masked: Vec<u8> = [0].iter().chain(&content).map(|byte| byte ^ mask).collect();
         let crc = match version {
@@ -169,7 +161,6 @@ fn run(plan: &Plan, board: &mut TTYPort, stop: &AtomicBool) {
             thread::sleep(Duration::from_millis(2));
             0
         });
-        // A pty carries bytes at any speed; a line does not.
         let is_heard = plan.baud.is_none_or(|baud| board.baud_rate().unwrap() == baud);
         let mut replies = Vec::new();
         decoder.feed(&buffer[..count], |event| {
@@ -215,7 +206,6 @@ fn run(plan: &Plan, board: &mut TTYPort, stop: &AtomicBool) {
     }
 }
 
-/// Name, board, further arguments, and expected findings.
 type Case<'a> = (&'a str, Plan, &'a str, Vec<(&'a str, &'a str)>);
 
 #[test]
@@ -312,7 +302,7 @@ fn planted_faults_of_boards_are_found() {
             Plan {
                 sample: |index| {
                     let clock_us = (1_000_000 + index * 100_000) as u32;
-                    // Too few, however long the program listens on a busy machine.
+                    // Too few, however long the program listens.
                     (index < 15).then_some(Sample { clock_us, ..sample(index)? })
                 },
                 ..Plan::with_status(|status| status.period_us = 100_000)
@@ -348,7 +338,7 @@ fn planted_faults_of_boards_are_found() {
                 scope.spawn(move || {
                     let board = Running::start(plan);
                     let arguments = format!("{} --listen 1 {options}", board.port);
-                    // The calibration is one of random numbers, which no reading is within.
+                    // No reading is within this calibration of random numbers.
                     let (_, mut found, report) = examine(dir, &arguments);
                     found.retain(|(check, _)| check != "range" && check != "channels-swapped");
                     let found: Vec<_> =
@@ -389,8 +379,7 @@ fn a_port_in_use_names_the_other_program() {
     let _ = other.wait();
 }
 
-/// Like [`examine`], again while there is no answer: this board runs when the machine has time for it, and a lossy radio
-/// may lose every attempt.
+/// Repeats [`examine`] without an answer: a busy machine or lossy radio may lose every attempt.
 fn examine_patiently(dir: &Path, arguments: &str) -> (Vec<(String, String)>, String) {
     let is_deaf = |found: &[(String, String)]| found.iter().any(|(check, _)| check == "deaf");
     let mut attempts = (0..20).map(|_| examine(dir, arguments));
@@ -398,7 +387,6 @@ fn examine_patiently(dir: &Path, arguments: &str) -> (Vec<(String, String)>, Str
     (found, report)
 }
 
-/// The simulated board, with the calibration of the instrument that it is.
 #[test]
 fn a_simulated_board_is_sound_and_a_lossy_radio_is_not() {
     let dir = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! `shellcal live` in a terminal: a pty whose other end plays the user, with eyes and a keyboard.
+//! `shellcal live` in a terminal: a pty whose other end plays the user.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{Read, Write};
@@ -10,13 +10,12 @@ use std::time::{Duration, Instant};
 use serialport::{SerialPort, TTYPort};
 use system_tests::program::{self, Recording, Running, succeed};
 
-/// The screen of a terminal, for the sequences that the view uses: cursor moves and text.
+/// A screen that knows the view's sequences: cursor moves and text.
 struct Screen {
     cells: Vec<Vec<char>>,
     at: (usize, usize),
-    /// The end of what was read that is no whole sequence or character.
+    /// The end that is no whole sequence or character.
     rest: Vec<u8>,
-    /// All that was read.
     bytes: Vec<u8>,
 }
 
@@ -87,7 +86,6 @@ impl Screen {
         self.cells.iter().map(line).collect::<Vec<_>>().join("\n")
     }
 
-    /// True if any text is coloured or emphasised.
     fn is_styled(&self) -> bool {
         let text = String::from_utf8_lossy(&self.bytes).into_owned();
         let starts = text.match_indices("\u{1b}[").map(|(at, _)| &text[at + 2..]);
@@ -95,16 +93,15 @@ impl Screen {
             let end = rest.find(|c: char| c.is_ascii_alphabetic())?;
             rest[end..].starts_with('m').then(|| rest[..end].to_owned())
         });
-        // Sequences that only take styles back are no style.
+        // Sequences that only reset styles are none.
         let takes_back = |s: &String| ["", "0", "39", "49", "59", "39;49"].contains(&s.as_str());
         sequences.into_iter().any(|sequence| !takes_back(&sequence))
     }
 }
 
-/// A view in a terminal.
 struct Terminal {
     user: TTYPort,
-    /// Held, so that the terminal is there until the test has read all.
+    /// Keeps the terminal until the test has read all.
     _program_end: TTYPort,
     child: Child,
     screen: Screen,
@@ -116,7 +113,7 @@ impl Terminal {
         Self::of_size((80, 24), dir, &format!("live {arguments}"), environment)
     }
 
-    /// A terminal that says that it is of this size; the program's end of it is read as 80 by 24.
+    /// Starts a view in a terminal that reports this size; the program's end reports 80 by 24.
     fn of_size(
         (columns, rows): (u16, u16),
         dir: &Path,
@@ -128,7 +125,7 @@ impl Terminal {
         let name = program_end.name().unwrap();
         let open = || OpenOptions::new().read(true).write(true).open(&name).unwrap();
         let errors = dir.join("errors.txt");
-        // In a separate session, so that this terminal is the view's `/dev/tty` in every environment.
+        // A separate session, so that this terminal is the view's `/dev/tty`.
         let child = Command::new("setsid")
             .args(["--ctty", "sh", "-c"])
             .arg(format!("stty rows {rows} cols {columns}; exec \"$0\" \"$@\""))
@@ -156,7 +153,6 @@ impl Terminal {
         self.screen.text()
     }
 
-    /// Looks until the screen shows something.
     fn wait_for(&mut self, what: &str) {
         self.wait_until(what, |screen| screen.contains(what));
     }
@@ -179,7 +175,7 @@ impl Terminal {
         self.user.write_all(key.as_bytes()).unwrap();
     }
 
-    /// Waits for the end, reading on; exit code, and what was said after the screen was given back.
+    /// Waits for the end; returns exit code, text after the screen was restored, and screen.
     fn end(mut self) -> (Option<i32>, String, Screen) {
         let deadline = Instant::now() + Duration::from_secs(60);
         let status = loop {
@@ -198,7 +194,6 @@ impl Terminal {
     }
 }
 
-/// A board at 1 kHz on the port `board` of a directory.
 pub(crate) struct Board {
     _process: Running,
 }
@@ -208,7 +203,7 @@ impl Board {
         Self::start_at(dir, 1000)
     }
 
-    /// At so many frames a second. A pty keeps some hundred of them for a program that the machine lets wait.
+    /// A pty keeps some hundred frames for a program that the machine lets wait.
     pub(crate) fn start_at(dir: &Path, rate_hz: u32) -> Self {
         let board = program::start(dir, "board --simulate --symlink board --seed 2");
         let board = Self { _process: Running(board) };
@@ -230,7 +225,7 @@ fn calibrate(dir: &Path) {
     succeed(dir, &format!("fit --model cubic {} --output cal.json", train.display()));
 }
 
-/// The loads that a rig can do, by label.
+/// Loads by label.
 const RIG: [(&str, [f64; 6]); 4] = [
     ("ahead", [1.5, 0.0, 0.0, 0.0, 0.0, 0.0]),
     ("astern", [-1.5, 0.0, 0.0, 0.0, 0.0, 0.0]),
@@ -301,7 +296,7 @@ fn a_sitting_that_is_killed_goes_on_with_the_loads_that_are_left() {
     };
     for (at, label) in recorded.iter().enumerate() {
         let log = if at < 2 { "session.csv" } else { "session-2.csv" };
-        // Two seconds at 100 Hz, less what was written before the hold was found on a busy machine.
+        // Two seconds at 100 Hz, less rows written before a busy machine found the pose.
         assert!((50..=260).contains(&rows(log, label)), "{label}: {} rows", rows(log, label));
     }
 }
@@ -318,7 +313,7 @@ fn a_kilohertz_is_shown_and_recorded_whole_under_any_input() {
     for part in ["Fx", "Mz", "N·m", "sd ", "s8", "top", "side", "REC log.csv", "q quit", "Hz"] {
         view.wait_for(part);
     }
-    // The scale of time, and a picture that stands still while frames are recorded.
+    // The scale of time, and a picture that stops while frames are recorded.
     view.press("-");
     view.wait_for("-20 s");
     view.press("+");
@@ -330,7 +325,7 @@ fn a_kilohertz_is_shown_and_recorded_whole_under_any_input() {
     view.wait_for("taring what is shown");
     view.press(" ");
     view.wait_for("PAUSED");
-    // The body of the screen without its header, which shows the number of frames.
+    // Without the header, which shows the number of frames.
     let still = |screen: &str| screen.lines().skip(1).take(20).collect::<Vec<_>>().join("\n");
     // The header is drawn first: once it has changed again, the picture below it is complete.
     for _ in 0..3 {
@@ -351,7 +346,6 @@ fn a_kilohertz_is_shown_and_recorded_whole_under_any_input() {
     wait_for_rows(&mut view, "log.csv", before + 1500);
     assert_eq!(still(&view.look()), paused);
     view.press(" ");
-    // The end of one log and the next.
     view.press("r");
     view.wait_for("recorded `log.csv`");
     view.press("r");
@@ -368,8 +362,8 @@ fn a_kilohertz_is_shown_and_recorded_whole_under_any_input() {
         let log = Recording::read(&dir.join(log));
         let index = log.numbers("index");
         assert!(index.len() > 500, "{} rows", index.len());
-        // A board whose line is blocked, as on a busy machine, drops frames and counts them, modulo 256:
-        // either before it numbers them, so that numbers have no gap, or on the way to the line.
+        // A board whose line is blocked drops frames and counts them, modulo 256: before it numbers
+        // them, so that numbers have no gap, or on the way to the line.
         let dropped = log.numbers("dropped");
         for (index, dropped) in index.windows(2).zip(dropped.windows(2)) {
             let by_board = (dropped[1] - dropped[0]).rem_euclid(256.0);
@@ -379,8 +373,8 @@ fn a_kilohertz_is_shown_and_recorded_whole_under_any_input() {
         let marked = log.text("flags").iter().filter(|flags| flags.contains("mark")).count();
         assert_eq!(marked, 1);
         let at = log.text("flags").iter().position(|flags| flags.contains(mark)).unwrap();
-        // The row is the first one not yet written at the moment on the screen. It is up to half a second
-        // later if the machine has just written and draws late. The time has a resolution of 1 ms.
+        // The row is the first unwritten one at the moment on the screen, or up to half a second
+        // later. The time has a resolution of 1 ms.
         let time_s = log.numbers("t_s")[at];
         let name = format!("{} at ", mark.replace("mark", "mark "));
         let told = said.split(&name).nth(1).unwrap().split(' ').next().unwrap();
@@ -446,9 +440,8 @@ fn inputs_that_cannot_be_shown_are_refused() {
     refused("three.csv", "has 3 channels");
 }
 
-/// Cost of a view: `cargo test -p shellcal --test boards figures_of_a_live_view -- --ignored --nocapture`.
-/// Says how much of a core it takes, how memory grows, and that no frame is lost, over so many seconds as
-/// `SHELLCAL_LIVE_SECONDS` says.
+/// Prints the share of a core, the growth of memory, and lost frames over `SHELLCAL_LIVE_SECONDS`:
+/// `cargo test -p shellcal --test boards figures_of_a_live_view -- --ignored --nocapture`.
 #[test]
 #[ignore = "a measurement, which takes three minutes or as long as it is told"]
 fn figures_of_a_live_view() {

@@ -1,4 +1,4 @@
-//! `shellcal live --serve` over a bare TCP connection: requests of a browser and of other clients.
+//! `shellcal live --serve` over a bare TCP connection: browsers and other clients.
 
 use std::fs;
 use std::io::{self, BufRead, BufReader, Read, Write};
@@ -12,10 +12,9 @@ use serde_json::Value;
 use system_tests::program::{self, Recording, Running, ended, succeed};
 use system_tests::random::Random;
 
-/// When to give up, which is no statement on how long it should take.
+/// Says nothing about the expected duration.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// A view that is served.
 struct View {
     child: Running,
     said: BufReader<std::process::ChildStdout>,
@@ -30,7 +29,6 @@ impl View {
             .arg("live")
             .args(arguments.split_whitespace())
             .arg("--serve")
-            // No terminal anywhere.
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
@@ -55,7 +53,6 @@ impl View {
         stream
     }
 
-    /// Sends bytes and reads the answer to its end.
     fn ask(&self, request: impl AsRef<[u8]>) -> String {
         self.try_to_ask(request).unwrap()
     }
@@ -84,7 +81,7 @@ impl View {
         Listener(BufReader::new(stream))
     }
 
-    /// Ends the run with Ctrl-C; returns its last messages. The exit code must be 0.
+    /// Ends the run with Ctrl-C and exit code 0; returns its last messages.
     fn end(mut self) -> String {
         program::interrupt(&self.child.0);
         let mut said = String::new();
@@ -98,7 +95,6 @@ impl View {
 struct Listener(BufReader<TcpStream>);
 
 impl Listener {
-    /// The next event; `None` at the end.
     fn next(&mut self) -> Option<Value> {
         loop {
             let mut line = String::new();
@@ -208,7 +204,6 @@ fn events_are_the_forces_of_the_log_and_orders_are_obeyed() {
     for _ in 0..20 {
         assert_eq!(events.next().unwrap()["picture"], paused["picture"]);
     }
-    // Listeners receive the end.
     let rest = thread::spawn(move || {
         let mut rest = String::new();
         events.0.read_to_string(&mut rest).unwrap();
@@ -258,11 +253,9 @@ fn requests_without_token_or_with_another_host_name_are_refused() {
     {
         assert_eq!(status(&ask("GET", &format!("/?token={token}"), &host)), "200", "{host}");
     }
-    // None of the requests was obeyed.
     let event = view.listen().next().unwrap();
     assert_eq!(event["picture"]["is_paused"], false);
     assert_eq!(event["message"], "");
-    // It listens on this machine alone.
     assert!(at.starts_with("127.0.0.1:"), "{at}");
     view.end();
 }
@@ -303,7 +296,6 @@ fn malformed_requests_are_refused_and_harmless() {
     let mut answer = String::new();
     slow.read_to_string(&mut answer).unwrap();
     assert_eq!(status(&answer), "408", "{answer}");
-    // Random bytes, cut off anywhere.
     let mut random = Random(20);
     for _ in 0..200 {
         let mut bytes = with("GET", "/events", "Accept: */*\r\n").into_bytes();
@@ -314,8 +306,8 @@ fn malformed_requests_are_refused_and_harmless() {
         bytes.truncate(random.below(bytes.len() as u64 + 1) as usize);
         view.connect().write_all(&bytes).unwrap();
     }
-    // Clients that left have freed their seats. With all seats taken, one more client is refused, and tries
-    // again later.
+    // Clients that left have freed their seats. Without a seat, a client is refused, and tries
+    // again.
     let is_served =
         || view.try_to_ask(with("GET", "/", "")).is_ok_and(|answer| status(&answer) == "200");
     let wait_for_a_seat = || {
@@ -354,7 +346,6 @@ fn listeners_that_read_nothing_cost_the_log_no_frame() {
     let event = events.wait_until(|event| time_s(event) > Some(from_s + 4.0));
     assert_eq!((&event["recording"], &event["can_record"]), (&"log.csv".into(), &true.into()));
     assert!(event["state"].as_str().unwrap().contains("nothing lost"), "{event}");
-    // The end of one log and the next.
     view.post("record");
     events.wait_until(|event| event["recording"].is_null());
     view.post("record");
@@ -383,7 +374,7 @@ fn views_that_cannot_be_served_are_refused() {
     refused(&format!("{log} --serve={at}"), &format!("cannot listen at {at}"));
     refused(&format!("{log} --serve=somewhere"), "invalid value 'somewhere'");
     refused("none.csv --serve", "cannot read `none.csv`");
-    // Which machines it is reached from is said.
+    // A message says which machines can reach it.
     let serve = format!("live {log} --serve=0.0.0.0:0 --duration 0.2 --json");
     let (printed, said) = ended(&dir, &serve, 0);
     assert!(said.contains("not encrypted"), "{said}");

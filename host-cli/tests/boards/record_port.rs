@@ -19,10 +19,10 @@ use system_tests::program::{self, refused, start, succeed};
 use crate::board::{pty, start_before_the_port};
 use crate::recording::{assert_rows_are, calibration, column, frame, read_log};
 
-/// Sends frame after frame at 200 Hz; the first go out once somebody has opened the port.
+/// Sends frames at 200 Hz, from the opening of the port on.
 struct Sender {
     stop: Arc<AtomicBool>,
-    /// How many are sent, and the bytes of those of this sender.
+    /// Number of frames sent, and the bytes of this sender's.
     sent: Arc<AtomicU64>,
     bytes: Arc<AtomicU64>,
     thread: JoinHandle<TTYPort>,
@@ -64,8 +64,8 @@ impl Sender {
         self.thread.join().unwrap()
     }
 
-    /// Stops, and waits until the program has read all that was sent: the file of raw bytes, which is flushed while it
-    /// records, has that many more than `length`.
+    /// Stops once the program has read all: the file of raw bytes, flushed while it records, has
+    /// grown by that much from `length`.
     fn stop_when_read(self, raw: &Path, length: u64) -> TTYPort {
         let bytes = Arc::clone(&self.bytes);
         let board = self.stop();
@@ -78,7 +78,6 @@ impl Sender {
     }
 }
 
-/// The number of bytes that the program has read.
 fn captured(raw: &Path) -> u64 {
     let file = BufReader::new(fs::File::open(raw).unwrap());
     io::copy(&mut CaptureReader::new(file).unwrap(), &mut io::sink()).unwrap()
@@ -140,15 +139,15 @@ fn a_recording_killed_at_any_moment_keeps_all_that_was_written() {
     });
 }
 
-/// Kills a recording some time after its first frame, and later than that where a busy machine has not written a row.
-/// How soon frames are written, a test of the recorder shows on a clock that no machine holds up.
+/// Kills a recording some time after its first row; a test of the recorder shows how soon rows
+/// come.
 fn kill_after(moment: Duration) {
     let dir = tempfile::tempdir().unwrap();
     let (board, port) = pty();
     let path = dir.path().join("log.csv");
     let mut child = start(dir.path(), &format!("record {port} -o log.csv"));
-    // The program makes the log when it has opened the port; until then the pty would keep frames
-    // for it if another test's program has inherited its other end.
+    // The program makes the log when the port is open; before, the pty would keep frames for it if
+    // another test's program has inherited its other end.
     let deadline = Instant::now() + Duration::from_secs(60);
     while !path.exists() {
         assert!(Instant::now() < deadline, "nobody has opened the port");
@@ -214,7 +213,7 @@ fn an_adapter_that_comes_back_goes_on_in_the_same_log() {
     sender.wait_for(80);
     let board = sender.stop_when_read(&raw, 0);
     let length = captured(&raw);
-    // The new pty first, so that it does not get the name of the old one.
+    // The new pty first, so that it does not get the old one's name.
     let (again, port) = pty();
     drop(board);
     fs::remove_file(&link).unwrap();
@@ -296,7 +295,7 @@ fn a_stopped_board_is_reported() {
     assert!(!dir.path().join("log.csv").exists());
 }
 
-/// The status lines shown in a terminal with `columns` columns during a recording with forces.
+/// Returns the status lines in a terminal with `columns` columns during a recording with forces.
 fn live_lines(columns: usize, calibration: &str) -> Vec<String> {
     let dir = tempfile::tempdir().unwrap();
     self::calibration(dir.path());
@@ -309,9 +308,9 @@ fn live_lines(columns: usize, calibration: &str) -> Vec<String> {
     let terminal = program_end.name().unwrap();
     let open = || fs::OpenOptions::new().read(true).write(true).open(&terminal).unwrap();
     let (board, port) = pty();
-    // Otherwise the program waits for the timing of the channels, at most for 120 frames.
+    // Otherwise the program waits for the channels' timing, at most for 120 frames.
     let plain = "--no-tare --as-sampled";
-    // In a separate session, so that this terminal is the program's.
+    // A separate session, so that this terminal is the program's.
     let mut child = std::process::Command::new("setsid")
         .args(["--ctty", "sh", "-c"])
         .arg(format!("stty rows 24 cols {columns}; exec \"$0\" \"$@\""))
@@ -343,7 +342,6 @@ fn live_lines(columns: usize, calibration: &str) -> Vec<String> {
     };
     sender.stop();
     assert!(status.success(), "{}", String::from_utf8_lossy(&shown));
-    // Without the sequences that move and erase.
     let text = String::from_utf8_lossy(&shown).into_owned();
     let mut pieces = text.split('\u{1b}');
     let mut plain = pieces.next().unwrap_or_default().to_owned();
@@ -352,7 +350,7 @@ fn live_lines(columns: usize, calibration: &str) -> Vec<String> {
         plain.push('\r');
         plain.push_str(&piece[end..]);
     }
-    // Notes before it are no part of the line, which begins with a clock or with the forces.
+    // Leaves out notes: the line begins with a clock or with the forces.
     let lines = plain.split(['\r', '\n']).map(|line| line.trim_end().to_owned());
     lines.filter(|line| line.starts_with(|c: char| c.is_ascii_digit() || c == 'F')).collect()
 }

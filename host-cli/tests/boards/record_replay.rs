@@ -1,4 +1,4 @@
-//! `shellcal record --replay`: what becomes of bytes, good and bad.
+//! `shellcal record --replay`: good and bad bytes.
 
 use std::fs;
 use std::path::Path;
@@ -86,7 +86,7 @@ fn losses_are_marked_where_they_are_and_counted_by_kind() {
 #[test]
 fn sequence_and_clock_unwrap() {
     let dir = tempfile::tempdir().unwrap();
-    // 65,536 numbers; and at 0.1 s a clock of 71.58 min wraps around within 70,000 frames.
+    // 65,536 numbers; at 0.1 s the clock of 71.58 min wraps within 70,000 frames.
     let slow = |index: u64| Sample { clock_us: (index * 100_000) as u32, ..sample(index) };
     let packets = (0..70_000).map(|index| Packet::Sample(slow(index)));
     let bytes: Vec<u8> = packets.flat_map(|packet| on_the_wire(&packet, Framing::Cobs)).collect();
@@ -135,7 +135,6 @@ fn a_frame_that_contradicts_its_neighbours_has_no_effect() {
     assert_rows_are(&read_log(&dir.path().join("log.csv")).unwrap(), 0..100);
 }
 
-/// Two boards on one channel, with one radio packet per frame.
 #[test]
 fn two_boards_behind_a_transparent_base_station_are_two_logs() {
     let dir = tempfile::tempdir().unwrap();
@@ -286,7 +285,6 @@ fn bytes_without_a_frame_are_an_error() {
     assert!(!dir.path().join("log.csv").exists());
 }
 
-/// CRC-16/M17 bit by bit.
 fn crc16(bytes: &[u8]) -> u16 {
     bytes.iter().fold(0xFFFF, |crc, &byte| {
         (0..8).fold(crc ^ u16::from(byte) << 8, |crc, _| {
@@ -343,7 +341,7 @@ fn a_full_disk_is_a_clear_error_and_the_log_is_whole_up_to_then() {
     let error = refused(dir.path(), "record --replay raw -o /dev/full");
     assert!(error.contains("cannot write `/dev/full`: No space left"), "{error}");
 
-    // A limit on the size of files replaces a full disk, in blocks of 512 or 1024 bytes.
+    // A limit on the size of files, in blocks of 512 or 1024 bytes, replaces a full disk.
     let program = program::command(dir.path()).get_program().to_owned();
     let output = std::process::Command::new("sh")
         .arg("-c")

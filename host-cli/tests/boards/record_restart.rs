@@ -1,4 +1,4 @@
-//! `record --start` at a board that resets while it is recorded.
+//! `record --start` at a board that resets meanwhile.
 
 use std::fs;
 use std::io::{Read, Write};
@@ -20,11 +20,10 @@ use crate::recording::column;
 
 const SERIAL: [u8; 12] = *b"restart-test";
 
-/// Programs that other tests start meanwhile inherit the board's end of the pty: that the cable is pulled is seen when the
-/// last of them has ended.
+/// Programs of other tests inherit the board's end: a pulled cable shows when the last has ended.
 const PATIENCE: Duration = Duration::from_secs(600);
 
-/// How the board is after a reset.
+/// After a reset.
 const FRESH: Status = Status {
     streaming: false,
     calibrated: false,
@@ -44,7 +43,6 @@ const FRESH: Status = Status {
     foreign: 0,
 };
 
-/// A board that was set to 50 Hz before.
 struct ResettingBoard {
     port: TTYPort,
     decoder: Decoder,
@@ -61,8 +59,7 @@ impl ResettingBoard {
         Self { port, decoder, start: 1, status, began: Instant::now(), sent: 0 }
     }
 
-    /// Resets the board: all settings are lost. Its announcement of the start is lost too, unless
-    /// `is_announced`.
+    /// Resets all settings. The announcement of the start is lost unless `is_announced`.
     fn reset(&mut self, is_announced: bool) {
         (self.start, self.status, self.sent) = (self.start + 1, FRESH, 0);
         self.began = Instant::now();
@@ -100,7 +97,6 @@ impl ResettingBoard {
         Answer::Done
     }
 
-    /// Hears commands, and sends the frames that are due.
     fn go_on(&mut self) {
         let (mut buffer, mut asked) = ([0; 256], Vec::new());
         let count = self.port.read(&mut buffer).unwrap_or(0);
@@ -133,18 +129,15 @@ impl ResettingBoard {
     }
 }
 
-/// The way in which a board loses its settings.
 #[derive(Clone, Copy, PartialEq)]
 enum Loss {
-    /// It resets and says so.
     Announced,
-    /// Its word of that is lost.
     Silent,
-    /// Its cable, by which it is powered, is pulled and put back.
+    /// The cable, by which it is powered, is pulled and put back.
     Unplugged,
 }
 
-/// A pty that is the port of this name from now on.
+/// Makes a pty that has this name from now on.
 fn plug(link: &Path) -> TTYPort {
     let (mut port, name) = pty();
     port.set_timeout(Duration::from_millis(2)).unwrap();
@@ -167,10 +160,10 @@ fn a_board_that_resets_is_restarted_with_its_settings() {
         let host_is_gone = Arc::clone(&gone);
         let board = thread::spawn(move || {
             let mut board = ResettingBoard::new(port);
-            // Its last words to the board may be lost with the port.
+            // The last commands to the board may be lost with the port.
             while !host_is_gone.load(Ordering::Relaxed) {
                 board.go_on();
-                // The host asks how the board is set after 0.4 s and keeps the answer 0.4 s later.
+                // The host asks for the board's state after 0.4 s and keeps the answer 0.4 s later.
                 if board.start == 1 && board.sent > 150 {
                     if loss == Loss::Unplugged {
                         board.port = plug(&link);
@@ -204,13 +197,13 @@ fn a_board_that_resets_is_restarted_with_its_settings() {
             (0..flags.len()).filter(|&row| flags[row].contains("restart")).collect();
         let [restart] = restarts[..] else { panic!("{restarts:?}") };
         assert!(flags.len() - restart >= 40, "{} rows after the restart", flags.len() - restart);
-        // The gap is counted: it is at least as long as the restart takes, and contains no frame.
+        // The gap is at least as long as the restart takes, and contains no frame.
         let times: Vec<f64> = column(&path, "t_s").iter().map(|t| t.parse().unwrap()).collect();
         assert!(times.is_sorted());
         let gap_frames = (times[restart] - times[restart - 1]) / 0.02;
         let missing: f64 = missing[restart].parse().unwrap();
         assert!((gap_frames - 1.0 - missing).abs() <= 1.0, "{gap_frames} {missing}");
-        // The bytes alone do not tell the length of the gap; their times do.
+        // The times of the bytes tell the length of the gap.
         succeed(dir.path(), "record --replay raw -o again.csv");
         let log = |name| fs::read_to_string(dir.path().join(name)).unwrap();
         assert_eq!(log("log.csv"), log("again.csv"));

@@ -16,7 +16,6 @@ use system_tests::program::{self, Recording, Running};
 
 const WRENCH: [&str; 6] = ["fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"];
 
-/// A board over TCP that ends with the test, and its name.
 fn board(dir: &Path) -> (Running, String) {
     let mut command = program::command(dir);
     command.args(["board", "--simulate", "--listen", "127.0.0.1:0", "--duration", "120"]);
@@ -27,7 +26,6 @@ fn board(dir: &Path) -> (Running, String) {
     (Running(process), port)
 }
 
-/// Serves a page on this connection, as a box does.
 fn serve_page(listener: &TcpListener) {
     let (mut stream, _) = listener.accept().unwrap();
     let mut request = [0; 1024];
@@ -50,8 +48,7 @@ fn ports() -> (UdpSocket, TcpListener) {
     panic!("no port is free twice");
 }
 
-/// Serves one client: after a greeting, message `n` after `n` periods, from 1, until the client leaves. Returns the
-/// address.
+/// Serves one client: after a greeting, message `n` after `n` periods, from 1. Returns the address.
 fn serve_every(
     period_ms: u64,
     greet: impl FnOnce(&mut TcpStream) + Send + 'static,
@@ -73,13 +70,11 @@ fn serve_every(
     at
 }
 
-/// The counts of sample `n`, which identify it.
 fn counts(n: u32) -> [i32; 6] {
     let n = n.cast_signed();
     [n * 1000, -n * 1000, 7, 0, 2_000_000, n * 1000]
 }
 
-/// Actions of a scripted box.
 #[derive(Debug, Default)]
 struct Done {
     missing: u64,
@@ -89,7 +84,8 @@ struct Done {
     restarts: u64,
 }
 
-/// A box at 1 kHz that loses a record in 500, sends one late and one twice, sets status words, and counts anew once.
+/// A box at 1 kHz that loses one record in 500, delays and repeats one, and restarts its count
+/// once.
 fn play_box(socket: &UdpSocket, listener: &TcpListener, stop: &AtomicBool) -> Done {
     serve_page(listener);
     let mut request = [0; 64];
@@ -211,12 +207,11 @@ fn a_box_that_loses_doubles_delays_and_restarts_is_counted() {
     assert!(status.iter().all(|word| ["", "0", "8", "2147483652"].contains(word)), "{status:?}");
     let missing: u64 = log.text("ref_missing").iter().filter_map(|it| it.parse::<u64>().ok()).sum();
     assert!(missing <= count("missing"), "{missing}");
-    // A fit reads the reference's columns as it does those of any log.
     let said = program::run(dir, "info log.csv", 0);
     assert!(said.contains("fx_n") || said.contains("Fx"), "{said}");
 }
 
-/// A program that stood still gets the samples that were sent meanwhile, with the times at which they were measured.
+/// A delayed program gets old samples with the times of their measurement.
 #[cfg(unix)]
 #[test]
 #[ignore = "needs a machine that is not busy"]
@@ -330,7 +325,7 @@ fn a_missing_reference_is_an_error_with_a_hint() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     let (_board, port) = board(dir);
-    // Port 1 is one of the system's, which nothing here listens at.
+    // Nothing listens at port 1, one of the system's.
     let said =
         program::refused(dir, &format!("record {port} -o a.csv --reference lines:tcp:127.0.0.1:1"));
     assert!(said.contains("cannot open the reference") && said.contains("hint: "), "{said}");
@@ -368,6 +363,6 @@ fn a_bota_sensor_is_read_by_its_own_driver() {
     let log = Recording::read(&dir.join("log.csv"));
     let fz = log.text("fz_n");
     let fz: Vec<f64> = fz.iter().filter_map(|value| value.parse().ok()).collect();
-    // The dummy makes up 3 N and noise.
+    // The dummy sends 3 N and noise.
     assert!(fz.len() > 100 && fz.iter().all(|fz| (fz - 3.0).abs() < 1.0), "{fz:?}");
 }

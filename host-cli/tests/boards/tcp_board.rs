@@ -1,4 +1,4 @@
-//! A simulated board over TCP, for systems without ptys: the same commands reach it by its address.
+//! A simulated board over TCP, for systems without ptys.
 
 use std::io::{BufRead, BufReader, Read};
 use std::net::TcpStream;
@@ -8,10 +8,9 @@ use std::time::Duration;
 
 use system_tests::program::{self, Recording, Running};
 
-/// A board that ends with the test.
 struct Board {
     _process: Running,
-    /// Its name, `tcp://…`.
+    /// `tcp://…`
     port: String,
 }
 
@@ -38,8 +37,7 @@ fn a_board_over_tcp_works_with_board_record_and_doctor() {
     assert!(said.contains("board     simulated"), "{said}");
     program::run_patiently(dir, &format!("record {port} --start --duration 1 --output log.csv"), 0);
     let log = Recording::read(&dir.join("log.csv"));
-    // 100 Hz for a second, by the host's clock; a busy machine may give less, and never more than a
-    // frame or two beyond.
+    // 100 Hz for a second of the host's clock, fewer on a busy machine, and at most a few more.
     assert!((20..=105).contains(&log.rows()), "{}", log.rows());
     assert!(log.numbers("s1").iter().all(|&reading| reading > 0.0 && reading < 4095.0));
     let said = program::run(dir, &format!("doctor {port}"), 0);
@@ -48,10 +46,10 @@ fn a_board_over_tcp_works_with_board_record_and_doctor() {
         "{said}"
     );
 
-    // One host at a time: while one is there another hears the end at once.
+    // One host at a time: another hears the end at once.
     let address = port.strip_prefix("tcp://").unwrap();
     let first = TcpStream::connect(address).unwrap();
-    // The board looks whether its host is still there every 10 ms.
+    // The board looks for its host every 10 ms.
     std::thread::sleep(Duration::from_millis(200));
     let mut second = TcpStream::connect(address).unwrap();
     second.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
@@ -64,7 +62,7 @@ fn a_board_over_tcp_works_with_board_record_and_doctor() {
 #[test]
 fn an_address_without_listener_is_named() {
     let dir = tempfile::tempdir().unwrap();
-    // Port 1 is one of the system's, which nothing here listens at.
+    // Nothing listens at port 1, one of the system's.
     let said = program::run(dir.path(), "board tcp://127.0.0.1:1 identify", 2);
     assert!(said.contains("cannot open port `tcp://127.0.0.1:1`"), "{said}");
     let said = program::run(dir.path(), "record tcp://nowhere --output log.csv", 2);

@@ -1,5 +1,4 @@
-//! Readings with all the digits of a double, which no sum takes exactly: standard errors by group, partial fits,
-//! fits to means.
+//! Readings without exact sums: standard errors by group, partial fits, fits to means.
 
 use std::fs;
 use std::path::Path;
@@ -10,11 +9,11 @@ use tempfile::TempDir;
 
 const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration-data/synthetic-train.csv");
 
-/// Factor of the readings, which is no fraction of a power of two or ten.
+/// No fraction of a power of two or ten.
 const VOLT: f64 = 0.1 + 1e-9;
 
-/// `train.csv` as it is and `volts.csv`, the same with readings in other units; `a.csv`, `b.csv` and `c.csv` are
-/// the rows of volts in turn.
+/// Writes `train.csv`, `volts.csv` in other units, and its rows in turn in `a.csv`, `b.csv`,
+/// `c.csv`.
 fn folder() -> TempDir {
     let dir = tempfile::tempdir().unwrap();
     let text = fs::read_to_string(DATA).unwrap();
@@ -39,7 +38,7 @@ fn folder() -> TempDir {
     dir
 }
 
-/// Columns of the wrench and of its standard errors, and of ends of intervals if any, for the rows of a log.
+/// Returns wrench, standard errors and ends of intervals, for the rows of a log.
 fn converted(dir: &Path, calibration: &str, log: &str) -> Vec<Vec<f64>> {
     succeed(dir, &format!("convert {calibration} {log} --no-tare --no-lowpass -o out.csv"));
     let text = fs::read_to_string(dir.join("out.csv")).unwrap();
@@ -68,7 +67,7 @@ fn standard_errors_by_group_equal_those_of_exact_sums() {
         succeed(dir, &format!("fit train.csv --model {model} -o exact.json"));
         let (_, said) =
             ended(dir, &format!("fit volts.csv --model {model} --verbose -o volts.json"), 0);
-        // Under these conditions nothing is lost: no message on inexact sums, and none on independent rows.
+        // Nothing is lost here: no message on inexact sums, and none on independent rows.
         assert!(!said.contains("exact"), "{said}");
         assert!(!said.contains("independent"), "{said}");
         let (exact, volts) = (document(dir, "exact.json"), document(dir, "volts.json"));
@@ -77,7 +76,7 @@ fn standard_errors_by_group_equal_those_of_exact_sums() {
             assert_eq!(exact.is_null(), volts.is_null(), "{field}");
         }
         assert_eq!(volts["covariance"]["degrees_of_freedom"], 124);
-        // A unit is rounded in every reading, 2⁻⁵³, times conditions of some 1e4 without a constant.
+        // The unit is rounded in every reading, 2⁻⁵³, times conditions of some 1e4.
         let exact = converted(dir, "exact.json", "train.csv");
         assert_close(&converted(dir, "volts.json", "volts.csv"), &exact, 1e-11);
     }
@@ -128,8 +127,8 @@ fn merged_r_factors_are_the_fit_over_all_files() {
         succeed(dir, "merge c.json a.json --partial late.json");
         succeed(dir, &format!("merge late.json b.json {ridge} -o other.json"));
         let whole = converted(dir, "whole.json", "volts.csv");
-        // Conditions of some hundred, or 1e4 without a constant, in double precision; features and their scale
-        // are rounded once more for each file.
+        // Conditions of some hundred, or 1e4 without a constant, in double precision; features and
+        // their scale are rounded once more for each file.
         let relative = if model.contains("no-intercept") { 1e-9 } else { 1e-12 };
         for name in ["merged.json", "other.json"] {
             assert_close(&converted(dir, name, "volts.csv"), &whole, relative);
@@ -145,7 +144,7 @@ fn merged_r_factors_are_the_fit_over_all_files() {
                 }
             }
         }
-        // One order, the same bytes, but for the date.
+        // One order gives the same bytes, but for the date.
         succeed(dir, &format!("merge a.json b.json c.json {ridge} -o again.json"));
         assert_eq!(
             document(dir, "again.json")["coefficients"],
@@ -178,12 +177,12 @@ fn merged_r_factors_validate_and_choose_as_a_fit_does() {
         report["selection"]["candidates"][at].clone()
     };
     let merged = chosen(&report("merge a.json b.json c.json --model auto"));
-    // Parts keep no order of rows, in which a lag or a memory would be looked for.
+    // Parts keep no order of rows, which a lag or memory needs.
     let of_rows = "--model auto --group group --lag 0 --memory-terms none";
     let whole = chosen(&report(&format!("fit a.csv b.csv c.csv {of_rows}")));
     assert_eq!((&merged["basis"], &merged["ridge"]), (&whole["basis"], &whole["ridge"]));
     let score = |of: &serde_json::Value| of["errors"]["score"].as_f64().unwrap();
-    // A ridge is about the mean of the rows of a fold here, of all rows there.
+    // A ridge is about the mean of a fold's rows here, of all rows there.
     assert!((score(&merged) / score(&whole) - 1.0).abs() < 1e-3, "{merged} {whole}");
 }
 
@@ -249,7 +248,6 @@ fn exact_sums_and_r_factors_are_not_merged_and_damaged_r_factors_are_refused() {
     }
 }
 
-/// The means are computed here, and fitted as a separate log.
 #[test]
 fn a_fit_to_means_takes_each_group_once() {
     let dir = folder();
@@ -292,7 +290,6 @@ fn a_fit_to_means_takes_each_group_once() {
         };
         assert!((of(&found) / of(&expected) - 1.0).abs() < 1e-9);
     }
-    // The file that was recorded is the source.
     succeed(dir, "fit train.csv --model linear -o rows.json");
     assert_eq!(found["sources"], document(dir, "rows.json")["sources"]);
     let said = refused(dir, "fit train.csv --means --model physics");
@@ -305,13 +302,13 @@ fn a_fit_to_means_takes_each_group_once() {
     assert!(said.contains("too few"), "{said}");
 }
 
-/// The reference figures of other people's sensors that are of means.
+/// Reference figures of other people's sensors, on means.
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
 fn figures_of_pose_means_are_reached() {
     let log = real_recording("others/photointerrupters/poses.csv");
     let dir = tempfile::tempdir().unwrap();
-    // Each computed with numpy, plain least squares on the means of the poses.
+    // Computed with numpy, plain least squares on the means of the poses.
     for (model, expected) in [
         ("linear", [2.3784, 1.7835, 2.6591, 0.0621, 0.1165, 0.0724]),
         ("cubic", [10.68, 4.716, 1.013, 0.0663, 0.2280, 0.2799]),
@@ -321,7 +318,7 @@ fn figures_of_pose_means_are_reached() {
         for (axis, expected) in expected.into_iter().enumerate() {
             let found = &report["cross_validation"]["grouped"][axis]["rms"];
             let found = found.as_f64().unwrap();
-            // Half of the last digit that is given.
+            // Half of the last digit given.
             assert!((found / expected - 1.0).abs() < 1e-3, "{model} {axis}: {found} {expected}");
         }
     }

@@ -1,4 +1,4 @@
-//! `shellcal fit`, `eval` and `import` as a user meets them: results, failures, exit codes.
+//! `shellcal fit`, `eval` and `import`: results, failures, exit codes.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -11,13 +11,13 @@ use tempfile::TempDir;
 
 const HEADER: &str = "s1,s2,s3,s4,s5,s6,s7,s8,Fx_N,Fy_N,Fz_N,Mx_Nm,My_Nm,Mz_Nm";
 
-/// Readings in 0..4096 that look random, the same on every machine.
+/// Pseudo-random readings in 0..4096, the same on every machine.
 fn readings(row: usize) -> [f64; 8] {
     let mut random = Random(row as u64);
     std::array::from_fn(|_| random.bits(12) as f64)
 }
 
-/// A wrench that is a cubic function of the readings, plus `noise` of alternating sign.
+/// A cubic function of the readings, plus `noise` of alternating sign.
 fn wrench(s: &[f64; 8], noise: f64, row: usize) -> [f64; 6] {
     let sign = if row.is_multiple_of(2) { noise } else { -noise };
     std::array::from_fn(|axis| {
@@ -26,7 +26,7 @@ fn wrench(s: &[f64; 8], noise: f64, row: usize) -> [f64; 6] {
     })
 }
 
-/// A log of such rows, its readings changed by `change`.
+/// A log of such rows, with readings changed by `change`.
 fn log(rows: usize, noise: f64, change: impl Fn(&mut [f64; 8])) -> String {
     let mut text = format!("{HEADER}\n");
     for row in 0..rows {
@@ -167,7 +167,6 @@ fn a_rank_loss_names_the_channels_and_a_hint() {
     }
     let damped = json(&dir, "fit --model cubic twice.csv --ridge 1e-9 --json");
     assert_eq!(damped["rank"], 22);
-    // Noise of 0.01 N stays noise of 0.01 N.
     assert!((damped["train"][4]["rms"].as_f64().unwrap() - 0.01).abs() < 1e-3);
 }
 
@@ -289,7 +288,7 @@ fn an_edited_calibration_needs_an_option_and_an_impossible_one_is_refused() {
         let command = command.replace("CAL", "before.json");
         let error = refused(&dir, &command);
         assert!(error.contains("say so with `--edited`"), "{command}: {error}");
-        // Read, even if another step fails later.
+        // It is read, even if another step fails later.
         let output = program::output(dir.path(), &format!("{command} --edited"));
         let said = String::from_utf8_lossy(&output.stderr);
         assert!(!said.contains("checksum"), "{command}: {said}");
@@ -399,7 +398,7 @@ fn a_load_whose_square_overflows_is_refused_with_its_place() {
     assert!(said.contains("`corrupt.csv`, line 401: column 14 (`Mz_Nm`)"), "{said}");
 }
 
-/// Options whose value can be left out take it with an equals sign; without it, it is taken for a file.
+/// An optional value needs an equals sign; otherwise it is taken for a file.
 #[test]
 fn an_option_value_mistaken_for_a_file_is_named() {
     let dir = tempfile::tempdir().unwrap();
@@ -415,7 +414,7 @@ fn an_option_value_mistaken_for_a_file_is_named() {
         let said = program::run(dir, command, 2);
         assert!(said.contains("is no file") && said.contains(joined), "{command}: {said}");
     }
-    // A file of that name is a file, and others are missing as ever.
+    // A file of that name is a file.
     fs::copy(dir.join("train.csv"), dir.join("95")).unwrap();
     program::run(dir, "convert cal.json --interval 95 -o out.csv", 0);
     let said = program::run(dir, "convert cal.json 96 --interval", 2);

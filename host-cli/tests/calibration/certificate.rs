@@ -9,7 +9,6 @@ use system_tests::program::{ended, json, refused, succeed};
 
 use crate::gates::hung;
 
-/// Rows of text between the tags of a table's body.
 fn rows(html: &str, caption: &str) -> Vec<Vec<String>> {
     let table = html.split(&format!("<caption>{caption}")).nth(1).expect("the table is there");
     let body = table.split("<tbody>").nth(1).unwrap().split("</tbody>").next().unwrap();
@@ -39,7 +38,7 @@ fn a_certificate_states_what_is_known_and_what_is_missing() {
     // Text stays text.
     assert!(little.contains("&lt;b&gt;7") && !little.contains("<b>7"), "{little}");
     assert!(little.contains("drift of the zero, reference, of which nothing was stated"));
-    // The error on groups that were held out is all that is known.
+    // Only the error on held-out groups is known.
     let file: Value =
         serde_json::from_str(&fs::read_to_string(dir.path().join("cal.json")).unwrap()).unwrap();
     let held_out = &file["diagnostics"]["cross_validation"]["grouped"];
@@ -55,20 +54,18 @@ fn a_certificate_states_what_is_known_and_what_is_missing() {
     let noise = json(&dir, "info rest.csv --noise --calibration cal.json --json");
     let budget = rows(&html, "Uncertainty budget");
     let of = |source: &str| budget.iter().find(|row| row[0].starts_with(source)).unwrap();
-    // Three digits are shown.
     let shown = number(&of("of which repeatability")[2]);
     let expected = noise[0]["axes"]["fx_n"]["rms"].as_f64().unwrap();
     let unit = if html.contains("Fx (mN)") { 1e3 } else { 1.0 };
     assert!((shown / (unit * expected) - 1.0).abs() < 5e-3, "{shown} {expected}");
     assert_eq!(number(&of("reference")[2]), unit * 0.05);
-    // Repeatability is in the first line already.
+    // The first line includes repeatability.
     let sum =
         ["model and mounting", "drift of the zero", "reference"].map(|name| number(&of(name)[2]));
     let expected = sum.iter().map(|u| u * u).sum::<f64>().sqrt();
     let found = unit * combined(&said, 0);
     assert!((found / expected - 1.0).abs() < 1e-2, "{found} {expected} {budget:?}");
-    // Welch and Satterthwaite: the groups of the first line, a drift from few stationary intervals, a stated
-    // reference.
+    // Welch and Satterthwaite: groups, a drift from few stationary intervals, a stated reference.
     let degrees = said["effective_degrees_of_freedom"][0].as_f64().unwrap();
     let first =
         |name: &str| (number(&of(name)[2]), of(name)[8].parse::<f64>().unwrap_or(f64::INFINITY));
@@ -82,7 +79,7 @@ fn a_certificate_states_what_is_known_and_what_is_missing() {
     // A log with loads has no repeatability.
     let said = refused(&dir, "report cal.json --certificate --unloaded train.csv -o no.html");
     assert!(said.contains("`train.csv` is of a loaded sensor: Fx scatters by"), "{said}");
-    // Neither does one under a constant load: the reading of the first channel is 300 counts off.
+    // Neither has one under a constant load, 300 counts on the first channel.
     let (rest, s1) = (fs::read_to_string(dir.path().join("rest.csv")).unwrap(), 1);
     assert!(rest.starts_with("t_s,s1,"), "{rest}");
     let moved = |line: &str| {
@@ -96,13 +93,11 @@ fn a_certificate_states_what_is_known_and_what_is_missing() {
     let said = refused(&dir, "report cal.json --certificate --unloaded held.csv -o no.html");
     assert!(said.contains("`held.csv` is of a loaded sensor, or its zero has moved"), "{said}");
     assert!(said.contains("the mean of F") && said.contains("take the load off"), "{said}");
-    // The mean of the other is stated.
     assert!(of("of which repeatability")[9].contains("off the calibrated zero"), "{budget:?}");
-    // The checksum identifies the file.
     assert!(html.contains("xxh128:"), "{html}");
 }
 
-/// `dof` and `reporting.k_factor` of GTC 1.5.1 for the sum of `ureal(0, u, df)` with these u and df.
+/// `dof` and `reporting.k_factor` of GTC 1.5.1 for the sum of `ureal(0, u, df)`.
 #[test]
 fn effective_degrees_of_freedom_and_coverage_are_those_of_gtc() {
     let dir = tempfile::tempdir().unwrap();

@@ -1,5 +1,4 @@
-//! Held-out errors from sums against fits that never saw the rows; the choice of a model; the
-//! warning.
+//! Held-out errors from sums against fits without the rows; the choice of a model; the warning.
 
 use std::fs;
 
@@ -16,8 +15,8 @@ use shell_data::wrench::PerAxis;
 use system_tests::program::{ended, json, refused, succeed};
 use system_tests::random::Random;
 
-/// Rows in `groups` poses: the readings of each stay within `spread` counts of its own centre.
-/// Wrenches are `truth` of the readings over 1000, plus noise.
+/// Rows in `groups` poses: the readings of each stay within `spread` counts of its centre. Wrenches
+/// are `truth` of the readings over 1000, plus noise.
 fn poses(
     seed: u64,
     groups: usize,
@@ -46,7 +45,6 @@ fn poses(
     block
 }
 
-/// The rows of some groups, by whether `keep` says so.
 fn rows_of(block: &Block, keep: impl Fn(usize) -> bool) -> Block {
     let runs = block.groups.iter().enumerate();
     let flags: Vec<bool> =
@@ -68,8 +66,7 @@ fn moments(block: &Block, basis: Basis) -> ExactSums {
     sums.finish().unwrap()
 }
 
-/// Householder QR on the rows of `train`, predictions on those of `test`: squares and sums of the
-/// errors of every axis.
+/// Returns squares and sums of every axis's errors on `test`, by Householder QR on `train`.
 fn brute_force(train: &Block, test: &Block, model: Model) -> PerAxis<(f64, f64)> {
     let scaling = Scaling::from_sample(&train.readings, model.intercept);
     let problem = FitProblem { model, scaling, ridge: 0.0 };
@@ -152,7 +149,7 @@ fn groups_and_random_folds_both_add_up_to_all_rows_bit_for_bit() {
 
 #[test]
 fn errors_keep_their_digits_where_almost_nothing_is_left_of_large_squares() {
-    // An exact law under offsets that are a million times larger than its residuals: with noise of 1e-6 on
+    // An exact law under offsets a million times larger than its residuals: with noise of 1e-6 on
     // wrenches near 1, 12 digits of the squares cancel.
     let block = poses(6, 12, 100, 900.0, 1e-6, |z, axis| z[axis % 4] + 1.0);
     let model = Model { basis: Basis::Poly3, intercept: true, channels: 4, memory: 0 };
@@ -167,7 +164,7 @@ fn errors_keep_their_digits_where_almost_nothing_is_left_of_large_squares() {
         squares += errors(&calibration, &test)[0].0;
     }
     let rms = (squares / block.rows as f64).sqrt();
-    // Predictions near 1 in `f64` are good to 1e-15, and errors of 1e-6 to 1e-9 of themselves.
+    // Predictions near 1 are good to 1e-15, and errors of 1e-6 to 1e-9 of themselves.
     assert!((found.grouped[0].rms / rms - 1.0).abs() < 1e-8);
 }
 
@@ -200,8 +197,8 @@ fn a_group_that_alone_moves_a_channel_is_named_and_not_counted() {
 
 #[test]
 fn a_group_with_large_readings_alone_goes_the_slow_way_to_the_same_answer() {
-    // Without the first group the features are almost dependent: channel 2 is channel 1, give or
-    // take one count in very few rows, and its square makes that worse.
+    // Without the first group the features are almost dependent: channel 2 is channel 1 but for one
+    // count in very few rows, and its square makes that worse.
     let mut block = poses(9, 6, 200, 600.0, 0.01, |z, axis| z[axis % 2]);
     let first = block.readings[0].clone();
     for (row, (reading, first)) in block.readings[1].iter_mut().zip(&first).enumerate() {
@@ -221,7 +218,7 @@ fn a_group_with_large_readings_alone_goes_the_slow_way_to_the_same_answer() {
             let calibration = Calibration::from_solution(&solution, &rest.reading_ranges());
             let expected = errors(&calibration, &left_out);
             for axis in 0..6 {
-                // The prediction far outside, from `f64` coefficients of near-opposite features.
+                // A prediction far outside, from `f64` coefficients of near-opposite features.
                 let ratio = (found[axis].squares / expected[axis].0).sqrt();
                 assert!((ratio - 1.0).abs() < 1e-6, "{ratio}");
             }
@@ -247,7 +244,7 @@ fn the_smallest_model_that_holds_is_chosen() {
         assert!(found.candidates.len() >= 20);
         assert_eq!(found.candidates[found.chosen].basis, planted);
         let errors = found.candidates[found.chosen].errors.unwrap();
-        // The noise that was put in, and a little for coefficients.
+        // The planted noise, and a little for coefficients.
         assert!(errors.rms.iter().all(|rms| (0.019..0.023).contains(rms)), "{errors:?}");
     }
 }
@@ -269,7 +266,6 @@ fn too_few_groups_and_impossible_folds_are_refused() {
     assert!(matches!(error, FitError::OtherFeatures { .. }));
 }
 
-/// A log with a group column.
 fn log(block: &Block) -> String {
     let mut text = "s1,s2,s3,s4,Fx_N,Fy_N,Fz_N,Mx_Nm,My_Nm,Mz_Nm,group\n".to_owned();
     let labels = block.groups.iter().flat_map(|(name, rows)| std::iter::repeat_n(name, *rows));
@@ -289,8 +285,7 @@ fn the_warning_compares_models_on_new_poses() {
     let many = poses(13, 1440, 1, 60.0, 0.002, curved);
     fs::write(dir.path().join("few.csv"), log(&few)).unwrap();
     fs::write(dir.path().join("many.csv"), log(&many)).unwrap();
-    // Twelve poses determine twelve features of each fold's eleven only by chance: the linear model is
-    // better on new ones, and named.
+    // Twelve poses determine twelve features of each fold's eleven by chance: linear is better.
     let (text, talk) = ended(&dir, "fit few.csv --model cubic --cv --verbose", 0);
     assert!(talk.contains("linear predicts new groups better than cubic"), "{talk}");
     assert!(text.contains("leave-one-group-out cross-validation (12 groups"), "{text}");
@@ -307,7 +302,7 @@ fn the_warning_compares_models_on_new_poses() {
 #[test]
 fn a_model_that_is_best_on_new_poses_earns_no_warning_for_any_ratio() {
     let dir = tempfile::tempdir().unwrap();
-    // Little noise, and a large error per pose: twice the error of a random split, and still the best model.
+    // Little noise and a large error per pose: twice the error of a random split, still the best.
     let block =
         poses(14, 24, 100, 60.0, 0.002, |z, axis| curved(z, axis) + 0.05 * (9.0 * z[0]).sin());
     fs::write(dir.path().join("poses.csv"), log(&block)).unwrap();
@@ -323,7 +318,7 @@ fn a_model_that_is_best_on_new_poses_earns_no_warning_for_any_ratio() {
 
 #[test]
 fn the_ridges_reach_beyond_the_best_or_say_that_they_do_not() {
-    // Loads that the readings say nothing of: the more is penalised, the better.
+    // Readings that say nothing of the loads: the stronger the penalty, the better.
     let block = poses(15, 30, 40, 300.0, 1.0, |_, _| 0.0);
     let found =
         select(&sums(&block, Basis::Linear, 0), true, &selection::RIDGES).unwrap().selection;
@@ -337,7 +332,6 @@ fn the_ridges_reach_beyond_the_best_or_say_that_they_do_not() {
     let text = succeed(&dir, "fit noise.csv --model auto --cv --verbose");
     let at_limit = text.contains("its ridge is the largest that was tried");
     assert_eq!(at_limit, text.contains("with ridge 1e4, squared"), "{text}");
-    // The summary names the penalty.
     let text = succeed(&dir, "fit noise.csv --model cubic --ridge 0.5 --verbose");
     assert!(text.contains("cubic + offset, ridge 5e-1 on powers of centred readings"), "{text}");
     let text = succeed(&dir, "fit noise.csv --model cubic --ridge 0.5 --no-intercept --verbose");
@@ -360,14 +354,13 @@ fn files_can_be_the_groups_and_results_do_not_depend_on_threads() {
     assert_eq!(report("--cv")["cross_validation"]["groups"], 20);
     assert!(report("--model cubic")["cross_validation"].is_null());
     let auto = report("-o cal.json");
-    // A model that is chosen is judged on the same groups.
+    // A chosen model is judged on the same groups.
     assert_eq!(auto["cross_validation"]["groups"], 20);
     assert_eq!(auto["model"], report("--model auto --cv")["model"]);
     let chosen = auto["selection"]["chosen"].as_u64().unwrap() as usize;
     let chosen = &auto["selection"]["candidates"][chosen];
     assert_eq!(auto["model"], format!("{} + offset", chosen["basis"].as_str().unwrap()));
     assert_eq!(auto["solver"]["ridge"], chosen["ridge"]);
-    // The calibration with these diagnostics reads back.
     succeed(&dir, "eval cal.json 0.csv");
 }
 

@@ -1,4 +1,4 @@
-//! The exact solver against exact rational solutions, computed independently.
+//! The exact solver against independent rational solutions.
 
 use std::cell::Cell;
 
@@ -19,7 +19,6 @@ fn moments(rows: &Rows, basis: Basis) -> ExactSums {
     accumulator.finish().unwrap()
 }
 
-/// The worst relative error of a coefficient.
 fn worst(rows: &Rows, model: &Model, fit: &ExactFit) -> f64 {
     let exact = solve(rows, model, &fit.solution.scaling.centre, &fit.solution.scaling.scale);
     let computed: Vec<[f64; 6]> =
@@ -77,8 +76,7 @@ fn readings_in_sixteenths_of_a_count_are_as_exact_as_whole_ones() {
         for basis in Basis::ALL {
             let model = Model { basis, intercept, channels: 4, memory: 0 };
             let mut fit = moments(&rows, basis).solve(&model, 0.0).unwrap();
-            // The rational solution works in integers: sixteen times readings, centre and scale are
-            // the same features.
+            // The rational solution needs whole numbers: sixteenfold, the features are the same.
             let Scaling { centre, scale } = &mut fit.solution.scaling;
             centre.iter_mut().chain(scale).for_each(|s| *s *= 16.0);
             assert!(worst(&whole, &model, &fit) <= NEAREST);

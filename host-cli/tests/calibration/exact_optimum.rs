@@ -1,8 +1,6 @@
 //! The fit against the exact least-squares optimum, found in rational arithmetic.
 //!
-//! Readings and wrenches in a file are dyadic rationals once they are `f64`, so the normal
-//! equations can be formed and solved without any rounding: the residual of that solution is the
-//! smallest there is.
+//! Every `f64` is a dyadic rational, so the normal equations can be solved without rounding.
 
 use calibration::Calibration;
 use calibration::model::{Basis, Model};
@@ -12,7 +10,7 @@ use num_bigint::BigInt;
 use num_rational::BigRational;
 use shell_data::block::Block;
 
-/// The rows of the lab's training recording: time, eight readings, six components of the wrench.
+/// Rows of the lab's training recording: time, eight readings, six components of the wrench.
 fn recording() -> Block {
     let path = system_tests::real_recording("skinproc/behavior4_2Hz.csv");
     let text = std::fs::read_to_string(path).unwrap();
@@ -31,10 +29,10 @@ fn exact(value: f64) -> BigRational {
     BigRational::from_float(value).unwrap()
 }
 
-/// Bits after the binary point that hold every component of a wrench in the recording.
+/// Bits after the binary point that hold every component of a wrench.
 const BITS: u32 = 80;
 
-/// Features and wrench as integers, the latter in units of 2^-[`BITS`], one column each.
+/// Features and wrench as whole numbers, the latter in units of 2^-[`BITS`].
 fn integers(block: &Block, model: Model) -> (Vec<Vec<BigInt>>, Vec<Vec<BigInt>>) {
     let terms = model.terms();
     let features = terms.iter().map(|term| {
@@ -57,8 +55,8 @@ fn dot(a: &[BigInt], b: &[BigInt]) -> BigInt {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// The smallest possible sum of squared residuals, by Bareiss's fraction-free elimination of the
-/// Gram matrix of `[X | w]`: its last pivot over the one before is the Schur complement.
+/// Returns the smallest possible sum of squared residuals, by Bareiss's fraction-free elimination
+/// of the Gram matrix of `[X | w]`: its last pivot over the one before is the Schur complement.
 fn optimum(features: &[Vec<BigInt>], wrench: &Vec<BigInt>) -> BigRational {
     let columns: Vec<&Vec<BigInt>> = features.iter().chain([wrench]).collect();
     let n = columns.len();
@@ -78,7 +76,7 @@ fn optimum(features: &[Vec<BigInt>], wrench: &Vec<BigInt>) -> BigRational {
     BigRational::new(gram[n - 1][n - 1].clone(), previous << (2 * BITS))
 }
 
-/// The exact sum of squared residuals of the coefficients of a calibration, per axis.
+/// Returns the exact sum of squared residuals of a calibration, per axis.
 fn residual(block: &Block, calibration: &Calibration) -> Vec<BigRational> {
     let polynomial = calibration.polynomial().unwrap();
     let terms = polynomial.model().terms();
@@ -106,7 +104,7 @@ fn residual(block: &Block, calibration: &Calibration) -> Vec<BigRational> {
     sums
 }
 
-/// A ratio as `f64`, by an integer quotient of about 64 bits.
+/// By a quotient of about 64 bits.
 fn to_f64(value: &BigRational) -> f64 {
     let shift = 64 + value.denom().bits() as i64 - value.numer().bits() as i64;
     let quotient: BigInt = if shift >= 0 {
@@ -131,13 +129,13 @@ fn residuals_on_a_real_recording_equal_those_of_the_exact_optimum() {
         let reached = residual(&block, &calibration);
         for (axis, (wrench, reached)) in wrench.iter().zip(&reached).enumerate() {
             let optimum = optimum(&features, wrench);
-            // Exact: the relative excess of the sum of squares over its minimum.
+            // The exact relative excess of the sum of squares over its minimum.
             let excess = to_f64(&((reached - &optimum) / &optimum));
             let rms = (to_f64(&optimum) / block.rows as f64).sqrt();
             println!("{} axis {axis}: optimum {rms:.12e}, excess {excess:.1e}", model.name());
             assert!(excess >= 0.0, "nothing is better than the optimum");
-            // The RMS has half the relative excess of the sum of squares. 1e-9 would do; the
-            // excess is of second order in the rounding of the coefficients, 1e-22 when measured.
+            // The RMS has half that excess. 1e-9 would do; it is of second order in the rounding of
+            // the coefficients, and measured 1e-22.
             assert!(excess / 2.0 < 1e-18, "{} axis {axis}: {excess:e}", model.name());
             let told = solution.residual_products[(axis, axis)];
             assert!((told / to_f64(reached) - 1.0).abs() < 1e-9);

@@ -13,7 +13,7 @@ use system_tests::random::Random;
 
 type Columns = Vec<Vec<f64>>;
 
-/// `rows` rows of readings of `bits` bits and of a wrench of full-length numbers.
+/// Readings of `bits` bits and a wrench of full-length numbers.
 fn rows(seed: u64, rows: usize, channels: usize, bits: u32) -> (Columns, Columns) {
     let mut random = Random(seed);
     let readings: Columns =
@@ -58,7 +58,7 @@ fn loss(moments: &ExactSums, basis: Basis, intercept: bool) -> RankLoss {
     }
 }
 
-/// Rows in an order that mixes them, if `step` has no divisor in common with their number.
+/// Mixes rows, if `step` has no divisor in common with their number.
 fn mixed(rows: usize, step: usize) -> Vec<usize> {
     (0..rows).map(|i| i * step % rows).collect()
 }
@@ -75,7 +75,7 @@ proptest! {
         cuts in prop::collection::vec(0usize..1201, 0..7),
         basis in prop::sample::select(&Basis::ALL[..]),
     ) {
-        // The range of the readings, and that of the wrench, changes in the middle.
+        // The range of readings and wrench changes in the middle.
         let (mut readings, mut wrench) = rows(seed, 600, channels, narrow);
         let (more, other) = rows(seed ^ 1, 601, channels, wide);
         for (column, more) in readings.iter_mut().zip(more) {
@@ -120,7 +120,7 @@ fn block(readings: &Columns, wrench: &Columns, rows: std::ops::Range<usize>) -> 
     Block { rows: rows.len(), readings: cut(readings), wrench: cut(wrench), ..Block::default() }
 }
 
-/// A partial for each block, merged in order.
+/// A partial fit for each block, merged in order.
 fn solve_block_by_block(model: Model, blocks: &[Block]) -> Solution {
     let empty = Accumulator::new(model.basis, model.channels);
     let mut all = empty.clone();
@@ -130,7 +130,6 @@ fn solve_block_by_block(model: Model, blocks: &[Block]) -> Solution {
     all.finish().unwrap().solve(&model, 0.0).unwrap().solution
 }
 
-/// On so many threads at once.
 fn solve_on_threads(model: Model, blocks: &[Block], threads: usize) -> Solution {
     let rows = Rows::from_blocks(blocks, Workers::new(threads));
     let moments = exact_sums(model, &rows).unwrap();
@@ -140,7 +139,7 @@ fn solve_on_threads(model: Model, blocks: &[Block], threads: usize) -> Solution 
 #[test]
 fn one_two_and_seven_threads_give_the_same_solution() {
     let (mut readings, wrench) = rows(3, 9000, 8, 12);
-    // The range grows as rows come in, so that what was chosen for the first does not do.
+    // The range grows, so the first rows' scale does not suffice.
     for column in &mut readings {
         column[..3000].iter_mut().for_each(|s| *s = (*s / 16.0).floor());
         column[3000..6000].iter_mut().for_each(|s| *s = (*s / 4.0).floor());
@@ -218,7 +217,7 @@ fn readings_with_fractions_are_the_same_integers_in_other_units() {
     let (of_coarse, of_fine) = (scaling(&coarse), scaling(&sixteenths));
     assert_eq!(of_fine.scale[0], of_coarse.scale[0] / 16.0);
     assert_eq!(of_fine.centre, [of_coarse.centre[0] / 16.0, of_coarse.centre[1]]);
-    // The scale stays a power of two in tenths: of eight of them.
+    // In tenths, the scale stays a power of two: eight of them.
     let tenths = in_units(10.0);
     let of_fine = scaling(&tenths);
     assert_eq!(of_fine.scale[0], of_coarse.scale[0] / 8.0);

@@ -1,4 +1,4 @@
-//! `shellcal fit --report`: the page contains the results of the fit. The browser tests check its appearance.
+//! `shellcal fit --report`: the content of the page. Browser tests check its appearance.
 
 use std::fs;
 use std::path::Path;
@@ -20,7 +20,6 @@ fn data(name: &str) -> String {
         .to_string()
 }
 
-/// The text of a page, without its markup.
 fn text(dir: &Path) -> String {
     let html = fs::read_to_string(dir.join("fit.html")).unwrap();
     let body = html.split_once("<main id=\"main\">").unwrap().1;
@@ -35,7 +34,6 @@ fn the_report_states_range_and_use() {
     let (train, test) = (data("synthetic-train.csv"), data("synthetic-test.csv"));
     run(dir, &format!("fit {train} --model cubic --test {test} --cv --report fit.html"), 0);
     let page = text(dir);
-    // The screen that `fit` prints.
     assert!(page.contains("OK: use it within the calibrated range"), "{page}");
     assert!(page.contains("cubic + offset, judged by 125 groups, each held out once"), "{page}");
     assert!(page.contains("error on new groups") && page.contains("±0.2"), "{page}");
@@ -45,7 +43,6 @@ fn the_report_states_range_and_use() {
     );
     assert!(page.contains("Moments are about the origin of the reference sensor"));
     assert!(!page.contains("must not be trusted"));
-    // 125 poses and one group of the test log, of which ten are shown at once.
     assert!(page.contains("the 10 groups of rows with the largest"), "{page}");
     assert!(page.contains("best on new groups: cubic"), "{page}");
     assert!(page.contains("None was found."), "{page}");
@@ -57,7 +54,7 @@ fn the_report_names_missing_data() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     let table = fs::read_to_string(data("synthetic-train.csv")).unwrap();
-    // Only upward forces, in a few poses, one of which has markup as its name; and one outlier.
+    // Upward forces in a few poses, one of which has markup as its name; and one outlier.
     let mut lines = table.lines();
     let mut log = format!("{}\n", lines.next().unwrap());
     let mut rows = 0;
@@ -86,7 +83,7 @@ fn the_report_names_missing_data() {
     let html = fs::read_to_string(dir.join("fit.html")).unwrap();
     assert!(!html.contains("<img"), "a name has become markup");
 
-    // A report is of rows, which a partial fit has not; and it never takes the place of an input.
+    // A partial fit has no rows to report, and a report never replaces an input.
     let said = run(dir, "fit up.csv --partial part.json --report other.html", 2);
     assert!(said.contains("--report"), "{said}");
     let said = run(dir, "fit --model cubic up.csv --report up.csv", 2);
@@ -94,7 +91,7 @@ fn the_report_names_missing_data() {
     assert!(fs::read_to_string(dir.join("up.csv")).unwrap().starts_with("t_s,"));
 }
 
-/// Groups are all rows, each once: the squares of their errors add up to those of the fit.
+/// Groups are all rows once: their squared errors add up to those of the fit.
 #[test]
 fn errors_by_group_add_up_to_those_of_the_fit() {
     let path = data("synthetic-train.csv");
@@ -116,7 +113,6 @@ fn errors_by_group_add_up_to_those_of_the_fit() {
         assert!((found.rms / rms - 1.0).abs() < 1e-12, "{} {rms}", found.rms);
         assert!((found.bias - bias).abs() < 1e-12 * rms.max(1.0), "{} {bias}", found.bias);
     }
-    // The mean load of a pose is the mean over its rows.
     let table = fs::read_to_string(&path).unwrap();
     let label = &grouped.groups[7].label;
     let of_pose = table.lines().skip(1).filter(|line| line.ends_with(&format!(",{label}")));

@@ -1,4 +1,4 @@
-//! Groups that are found in logs that name none; test rows of the plateaus that were trained on.
+//! Groups found in logs that name none; test rows from the poses of the training.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -9,11 +9,10 @@ use system_tests::random::Random;
 use system_tests::real_recording;
 use tempfile::TempDir;
 
-/// A row of a log: time, four readings, the wrench, the pose.
+/// Time, four readings, the wrench, the pose.
 type Row = (f64, [f64; 4], [f64; 6], usize);
 
-/// Poses of constant load, each of another number of rows; the reference has noise of that size. Rows of a
-/// pose have readings that differ from those of the same load set up again.
+/// Poses of different lengths, with noise of the reference; a repeated load has other readings.
 fn poses(seed: u64, poses: usize, noise: f64) -> Vec<Row> {
     let mut random = Random(seed);
     let (mut rows, mut time): (Vec<Row>, f64) = (Vec::new(), 0.0);
@@ -52,7 +51,7 @@ fn fit(dir: &TempDir, arguments: &str) -> (Value, String) {
     (serde_json::from_str(&printed).unwrap(), said)
 }
 
-/// A reference that is constant to the last digit, and one with noise.
+/// A constant reference, and one with noise.
 const NOISES: [f64; 2] = [0.0, 0.01];
 
 #[test]
@@ -79,7 +78,7 @@ fn a_log_of_plateaus_gets_the_figures_of_its_group_column_to_the_last_digit() {
             {
                 assert_eq!(named[figures], plain[figures], "noise {noise}, {options}: {figures}");
             }
-            // From errors on training rows, whose sums depend on the blocks of the file in the last digits.
+            // From errors on training rows, whose sums depend on blocks in the last digits.
             assert_eq!(named["covariance"]["groups"], plain["covariance"]["groups"]);
         }
     }
@@ -113,7 +112,6 @@ fn groups_can_be_the_values_of_any_column() {
     let (by_load, _) = fit(&dir, "plain.csv --cv --group fz_n");
     assert_eq!(named["cross_validation"], by_load["cross_validation"]);
     assert_eq!(by_load["rows"], rows.len());
-    // Nobody has asked for more than 2000 poses.
     let said = refused(dir.path(), "fit --model cubic plain.csv --cv --group t_s");
     assert!(said.contains("more than `2000` groups"), "{said}");
 }
@@ -174,7 +172,7 @@ fn test_rows_of_plateaus_that_were_trained_on_earn_a_warning_in_any_order() {
     write("train.csv", &train);
     write("test.csv", &test);
     assert!(share("train.csv --test test.csv") > Some(0.95));
-    // As a random split leaves them.
+    // In the order of a random split.
     let mut random = Random(2);
     for last in (1..rows.len()).rev() {
         rows.swap(last, random.below(last as u64 + 1) as usize);
@@ -191,7 +189,7 @@ fn test_rows_of_plateaus_that_were_trained_on_earn_a_warning_in_any_order() {
         .map(|&(t, readings, load, pose)| (t, readings.map(|reading| reading + 40.0), load, pose));
     write("again.csv", &again.collect::<Vec<_>>());
     assert!(share("train.csv --test again.csv") < Some(0.05));
-    // Where there are no plateaus nothing is said.
+    // Without plateaus there is no message.
     write("noisy.csv", &poses(21, 30, 0.01));
     assert_eq!(share("noisy.csv --test test.csv"), None);
 }

@@ -1,4 +1,4 @@
-//! `shellcal eval` with limits: exit 0 only where all that was asked for was compared and is below its limit.
+//! `shellcal eval` with limits: exit 0 only if all axes asked for are compared and below them.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -11,7 +11,6 @@ use tempfile::TempDir;
 
 const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration-data");
 
-/// Some of the columns of a log, by name.
 fn cut(text: &str, is_kept: impl Fn(&str) -> bool) -> String {
     let header: Vec<&str> = text.lines().next().unwrap().split(',').collect();
     let mut out = String::new();
@@ -31,7 +30,7 @@ fn write_axes(dir: &Path, name: &str, text: &str, axes: Axes) {
     fs::write(dir.join(name), cut(text, is_kept)).unwrap();
 }
 
-/// `cal.json` of all axes, its training and its test log cut short.
+/// Makes `cal.json` of all axes; returns its training and its test log, cut short.
 fn folder() -> (TempDir, String, String) {
     let dir = tempfile::tempdir().unwrap();
     let read = |name: &str| -> String {
@@ -50,7 +49,7 @@ fn subsets() -> impl Iterator<Item = Axes> {
         .map(|bits| Axis::ALL.into_iter().filter(|axis| bits >> axis.index() & 1 == 1).collect())
 }
 
-/// Subsets of axes in the log against calibrations of six and fewer; all of both are gone through in the library.
+/// Some subsets of axes in log and calibration; a test of the library covers all.
 #[test]
 fn a_limit_compares_every_axis_that_it_is_for_or_fails() {
     let (dir, train, test) = folder();
@@ -74,7 +73,6 @@ fn a_limit_compares_every_axis_that_it_is_for_or_fails() {
             for (gate, asked) in &gates[if position % 8 == at { 0..3 } else { 2..3 }] {
                 let asked = *asked;
                 let expected = match () {
-                    // Never, and nothing at all.
                     _ if !calibrated.contain(asked) => 2,
                     _ if calibrated.and(measured).is_empty() => 2,
                     _ if !measured.contain(asked) => 1,
@@ -104,7 +102,7 @@ fn axes_that_are_left_out_by_name_are_not_missed() {
     let dir = dir.path();
     fs::write(dir.join("f3.csv"), cut(&test, |name| !["mx_nm", "my_nm", "mz_nm"].contains(&name)))
         .unwrap();
-    // A misspelt name is a column that is missing.
+    // A column with a misspelt name is missing.
     fs::write(dir.join("slip.csv"), test.replacen("my_nm", "mi_nm", 1)).unwrap();
     fs::write(dir.join("unit.csv"), test.replacen("my_nm", "my_n_", 1)).unwrap();
     let cases = [
@@ -133,7 +131,7 @@ fn axes_that_are_left_out_by_name_are_not_missed() {
     assert_eq!(json["axes"], serde_json::json!(["fx_n", "fy_n"]));
 }
 
-/// A load whose square is no number once made an error of NaN, which passed.
+/// Regression test: a load whose square overflows made an error of NaN, which passed.
 #[test]
 fn loads_that_no_sensor_measures_are_wrong_rows() {
     let (dir, _, test) = folder();
@@ -153,8 +151,8 @@ fn loads_that_no_sensor_measures_are_wrong_rows() {
     succeed(dir, "eval cal.json huge.csv --skip-bad-rows");
 }
 
-/// A log of the unit of the shipped data: 200 rows of rest, labelled `zero`, and 200 under a mass that hangs from a point
-/// (mm), labelled `weight`.
+/// A log of the shipped data's unit: 200 unloaded rows, labelled `zero`, and 200 under a mass that
+/// hangs from a point (mm), labelled `weight`.
 pub(crate) fn hung(mass_kg: f64, point_mm: [f64; 3]) -> String {
     let unit = SensorParameters::nominal().unit(1);
     let mut sensor = SensorModel::new(&unit, 5).unwrap();
@@ -170,8 +168,8 @@ pub(crate) fn hung(mass_kg: f64, point_mm: [f64; 3]) -> String {
     text
 }
 
-/// `cal.json`, and `morning.csv` with 200 rows at each of the labels `zero` and `weight`; `lever.csv` is the same with the
-/// weight beside the axis.
+/// Makes `cal.json`, `morning.csv` with 200 rows `zero` and 200 `weight`, and `lever.csv`, off
+/// axis.
 fn morning() -> TempDir {
     let (dir, train, _) = folder();
     fs::write(dir.path().join("forces.csv"), cut(&train, |name| !name.ends_with("_nm"))).unwrap();
@@ -181,7 +179,6 @@ fn morning() -> TempDir {
     fs::write(dir.path().join("morning.csv"), &morning).unwrap();
     fs::write(dir.path().join("light.csv"), hung(1e-4, [0.0, 0.0, 40.0])).unwrap();
     fs::write(dir.path().join("lever.csv"), hung(0.2, [30.0, 0.0, 40.0])).unwrap();
-    // Every row of the weight is wrong.
     let bad = |line: &str| match line.strip_suffix(",weight") {
         Some(row) => format!("x{row},weight\n"),
         None => format!("{line}\n"),
@@ -190,7 +187,7 @@ fn morning() -> TempDir {
     dir
 }
 
-/// A table of loads that are nothing, but for those of `more` lines.
+/// A table of zero loads, but for those of `more` lines.
 fn loads(dir: &TempDir, lines: &str) {
     let header = "group,mass_g,x_mm,y_mm,z_mm,azimuth_deg,elevation_deg";
     fs::write(dir.path().join("loads.csv"), format!("{header}\n{lines}")).unwrap();
@@ -228,14 +225,13 @@ fn a_load_that_was_not_weighed_does_not_pass() {
             "not compared: My of load `weight`",
         ),
         (format!("{zero}{lever}"), "forces.json loads.csv lever.csv --axes fx,fy,fz", 0, ""),
-        // A weight that hangs elsewhere is off.
         (
             format!("{zero}{lever}"),
             "cal.json loads.csv morning.csv",
             1,
             "My of load `weight` differ by more than is to be expected",
         ),
-        // One within what errors explain would pass whether or not it hangs.
+        // One within the errors would pass even if it does not hang.
         (
             format!("{zero}{}", weight.replace("200", "0.1")),
             "cal.json loads.csv light.csv",
@@ -295,7 +291,7 @@ fn a_reader_that_goes_away_is_no_success_of_a_check() {
     }
 }
 
-/// The errors on held-out rows once hid those on the test logs.
+/// Regression test: errors on held-out rows hid those on the test logs.
 #[test]
 fn a_limit_is_for_held_out_rows_and_for_test_logs() {
     let (dir, train, _) = folder();

@@ -1,4 +1,4 @@
-//! Documents as they were written when their version came out: every later version reads them.
+//! Documents of every released version, which later versions read.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -14,7 +14,7 @@ fn golden(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/calibration/golden").join(name)
 }
 
-/// A document of today as one of an earlier version: without a checksum.
+/// A document without a checksum, as an earlier version wrote it.
 fn as_before(document: &str, version: u64) -> String {
     let (content, checksum) = document.rsplit_once(",\n  \"checksum\": ").unwrap();
     assert!(checksum.starts_with("\"xxh128:") && checksum.ends_with("\"\n}\n"), "{checksum}");
@@ -23,7 +23,7 @@ fn as_before(document: &str, version: u64) -> String {
     format!("{content}\n}}\n")
 }
 
-/// A field that was renamed, added or left out would change the document that is written.
+/// A field that was renamed, added or left out would change the written document.
 #[test]
 fn golden_calibrations_are_read_and_written_unchanged() {
     for name in ["calibration-v1.json", "calibration-v1-rows.json"] {
@@ -35,7 +35,6 @@ fn golden_calibrations_are_read_and_written_unchanged() {
     }
 }
 
-/// Looks into the documents for their parts.
 #[test]
 fn the_parts_of_a_calibration_are_where_they_belong() {
     let file = CalibrationFile::read_edited(&golden("calibration-v1.json")).unwrap();
@@ -102,7 +101,6 @@ fn golden_manifests_keep_their_meaning() {
     }
 }
 
-/// Columns of a CSV file by their names, as text.
 fn columns(text: &str, names: &[&str]) -> Vec<Vec<String>> {
     let mut lines = text.lines().map(|line| line.split(',').collect::<Vec<_>>());
     let header = lines.next().unwrap();
@@ -140,7 +138,6 @@ fn golden_recordings_are_converted_and_replayed_unchanged() {
     run(&format!("record --replay {} -o log.csv", name("recording-v2.raw")));
     let replayed = text(&dir.path().join("log.csv"));
     assert_eq!(columns(&replayed, &names), columns(&recorded, &names));
-    // Unset fields are empty.
     for name in ["temperature_c", "vrefint", "dark8", "sync", "sync_s"] {
         assert!(columns(&replayed, &[name]).iter().all(|row| row[0].is_empty()), "{name}");
     }

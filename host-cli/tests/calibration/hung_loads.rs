@@ -10,7 +10,6 @@ use system_tests::program::{Recording, ended, json, refused, succeed};
 use system_tests::random::Random;
 use system_tests::real_recording;
 
-/// A weight on a string.
 #[derive(Clone, Copy)]
 struct Weight {
     mass_kg: f64,
@@ -41,7 +40,6 @@ impl Weight {
         force_at(along.map(|x| x * self.mass_kg * 9.80665), self.point.map(|mm| 1e-3 * mm))
     }
 
-    /// Turned by normal angles of so many degrees either way.
     fn turned(&self, degrees: f64, random: &mut Random) -> Self {
         let sideways = degrees / self.elevation_deg.to_radians().cos().max(0.1);
         Self {
@@ -52,7 +50,7 @@ impl Weight {
     }
 }
 
-/// Rows of the simulated sensor, 20 for each weight: group, readings, wrench.
+/// 20 rows of the simulated sensor for each weight: group, readings, wrench.
 fn log(weights: &[Weight], label: bool, seed: u64) -> String {
     let mut unit = SensorParameters::nominal().unit(1);
     unit.elastic = true;
@@ -97,14 +95,14 @@ fn write(dir: &Path, name: &str, text: &str) {
     fs::write(dir.join(name), text).unwrap();
 }
 
-/// RMS of each axis over the rows of `test.csv`, by `eval`.
+/// RMS of each axis over `test.csv`, by `eval`.
 fn errors(dir: &Path, calibration: &str) -> Vec<f64> {
     let found = json(dir, &format!("eval {calibration} test.csv --json"));
     let errors = found["all"]["errors"].as_array().unwrap();
     errors.iter().map(|axis| axis["rms"].as_f64().unwrap()).collect()
 }
 
-/// The mean of the ratios of squares, as a ratio.
+/// Mean of the ratios of squares, as a ratio.
 fn ratio(found: &[f64], reference: &[f64]) -> f64 {
     let squares: f64 = found.iter().zip(reference).map(|(a, b)| (a / b).powi(2)).sum();
     (squares / found.len() as f64).sqrt()
@@ -186,7 +184,7 @@ fn a_correct_weight_passes_and_a_wrong_one_fails() {
     assert!(said.contains("no weight hangs in any line"), "{said}");
 }
 
-/// A slip of the pen once gave a turn of 1675° and a file, exit 0; loads in another order "unchanged".
+/// Regression test: a typing error turned a load by 1675° with exit code 0; order was ignored.
 #[test]
 fn loads_that_no_mounting_explains_are_refused() {
     let dir = tempfile::tempdir().unwrap();
@@ -224,7 +222,7 @@ fn loads_that_no_mounting_explains_are_refused() {
     succeed(dir, refit(&few));
 }
 
-/// The poses of another lab's sensor, where masses hung: as a table of loads with these errors.
+/// The poses of another lab's sensor with hung masses, as a table of loads with these errors.
 fn table_of_poses(log: &Recording, errors: &str) -> String {
     let wrenches = log.table(["Fx", "Fy", "Fz", "Mx", "My", "Mz"]);
     let mut text = String::from(
@@ -262,7 +260,7 @@ fn poses_described_by_mass_lever_and_angles_give_the_same_calibration() {
         Recording::read(&dir.path().join("out.csv")).table(["fx_n", "fz_n", "mx_nm"])
     };
     let (expected, found) = (converted("wrench.json"), converted("loads.json"));
-    // Angles are written to 15 digits, the wrench of the log to some 7 of one cell per pose.
+    // Angles are written to 15 digits, the log's wrench to some 7 of one cell per pose.
     for (expected, found) in expected.iter().zip(&found).step_by(97) {
         for axis in 0..3 {
             assert!((expected[axis] - found[axis]).abs() < 1e-2, "{expected:?} {found:?}");

@@ -1,4 +1,4 @@
-//! The program with each set of instructions that this processor has: results are the same bits.
+//! All sets of instructions of this processor give the same bits.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -8,7 +8,7 @@ use shell_data::instructions::{VARIABLE, available};
 use system_tests::program;
 use system_tests::random::Random;
 
-/// Readings are whole, the wrench has all digits of a double: both ways of reading numbers are taken.
+/// Whole readings, and wrenches with all digits of a double, which are read in different ways.
 fn write_log(path: &Path, seed: u64) {
     let mut random = Random(seed);
     let mut text = "t,s1,s2,s3,s4,s5,s6,s7,s8,fx,fy,fz,mx,my,mz\n".to_owned();
@@ -25,7 +25,6 @@ fn write_log(path: &Path, seed: u64) {
     fs::write(path, text).unwrap();
 }
 
-/// The exit code, and what was said.
 fn run(dir: &Path, instructions: &str, arguments: &str) -> (Option<i32>, String) {
     let mut command = program::command(dir);
     let output = command.env(VARIABLE, instructions).args(arguments.split(' ')).output().unwrap();

@@ -1,4 +1,4 @@
-//! A sensor that creeps beside a reference that lags, from its logs to forces.
+//! A sensor that creeps and a reference that lags, from logs to forces.
 
 use std::fmt::Write;
 use std::fs;
@@ -18,9 +18,9 @@ const PERIOD_S: f64 = 0.005;
 const LAG_S: f64 = 0.0035;
 const CREEP: (f64, f64) = (0.15, 0.4);
 
-/// A log of readings that creep (`s + c·(s − e) = u`) and loads that the reference shows late; every seventh row is
-/// missing, as of frames that a radio loses. Each reading wanders by so many counts (root mean square), which it forgets
-/// within some fifty rows.
+/// Writes a log of readings that creep (`s + c·(s − e) = u`) and loads that the reference shows
+/// late, without every seventh row, as if a radio had lost it. Each reading wanders by `wander`
+/// counts (root mean square), which it forgets within some fifty rows.
 pub(crate) fn log(dir: &Path, name: &str, seed: u64, wander: f64) {
     let mut random = Random(seed);
     let mut sines = |_| (random.unit() - 0.5, 1.0 + 15.0 * random.unit(), 6.0 * random.unit());
@@ -35,7 +35,7 @@ pub(crate) fn log(dir: &Path, name: &str, seed: u64, wander: f64) {
         };
         (0..6).map(own).sum()
     };
-    // The sensor was under the load at the start of the log for a long time.
+    // The first load has lasted for long.
     let mut past: [f64; CHANNELS] = std::array::from_fn(|channel| mixed(channel, 0.0));
     let mut text = "t_s,s1,s2,s3,s4,s5,s6,".to_owned() + &AXES.join(",") + "\n";
     let mut off = [0.0; CHANNELS];
@@ -90,7 +90,6 @@ fn lag_and_creep_are_found_stored_and_made_up_for_in_every_command() {
     let (before, after) = (rms(&plain, "test"), rms(&found, "test"));
     assert!((0..6).all(|axis| after[axis] < 0.3 * before[axis]), "{before:?} {after:?}");
 
-    // The file gives the same errors on the same log.
     let evaluated = program::json(dir, "eval cal.json test.csv --json");
     let of_all: Vec<f64> = rms(&evaluated["all"], "errors");
     assert_eq!(of_all, after);
@@ -117,15 +116,13 @@ fn lag_and_creep_are_found_stored_and_made_up_for_in_every_command() {
         }
     }
 
-    // Rows are stamped with the time of the reference.
     let stamps: Vec<f64> =
         column(&dir.join("out.csv"), "t_s").iter().map(|x| x.parse().unwrap()).collect();
     for (stamp, time_s) in stamps.iter().zip(&times_s) {
-        // A nanosecond, to which stamps are rounded.
+        // Times are rounded to a nanosecond.
         assert!((stamp - time_s - lag).abs() < 1e-9, "{stamp} {time_s}");
     }
 
-    // Formats without memory terms are refused.
     let (_, said) = program::ended(dir, "export cal.json matrix.csv", 2);
     assert!(said.contains("a matrix cannot have memory terms"), "{said}");
     let bare: String = fs::read_to_string(dir.join("test.csv")).unwrap().replace("t_s,", "row,");
@@ -171,7 +168,7 @@ fn poses_are_not_searched_and_the_reason_is_given() {
     assert!(said.contains("the loads are constant in each pose"), "{said}");
 }
 
-/// The simulated springs creep: a tenth of their travel comes late by 1.5 s. Without creep and hysteresis nothing pays.
+/// The simulated springs creep: a tenth of their travel comes late by 1.5 s.
 #[test]
 fn creep_of_the_simulated_sensor_is_found_and_of_elastic_springs_none() {
     let dir = tempfile::tempdir().unwrap();
@@ -190,8 +187,8 @@ fn creep_of_the_simulated_sensor_is_found_and_of_elastic_springs_none() {
         program::json(dir, &command)
     };
     let plain = fit("creeps", "--memory-terms none");
-    // The rows are labelled as groups, one for each contact: terms are decided on groups that are held out.
-    // The reference does not lag; a lag that is looked for as well takes up a little of the creep.
+    // Each contact is a group: held-out groups decide on terms. The reference does not lag; a
+    // fitted lag would take up a little of the creep.
     let times = fit("creeps", "--lag 0")["dynamics"]["time_constants"].clone();
     let times = times.as_array().unwrap();
     // Contacts last two seconds; sticking looks like a short creep.
@@ -201,15 +198,14 @@ fn creep_of_the_simulated_sensor_is_found_and_of_elastic_springs_none() {
     // A twentieth of the 0.1 s between rows.
     assert!(creeps["dynamics"]["lag"].as_f64().unwrap().abs() < 5e-3, "{}", creeps["dynamics"]);
     let plain = rms(&plain, "test");
-    // Another session: what was found there pays here.
     assert!(rms(&creeps, "test").iter().zip(&plain).all(|(with, plain)| *with < 0.8 * plain));
     let elastic = fit("elastic", "");
     let dynamics = &elastic["dynamics"];
     assert!(dynamics["time_constants"].as_array().is_none_or(Vec::is_empty), "{dynamics}");
 }
 
-/// Errors of the published network on the file kept for validation: .120 .166 .254 N, 3.34 3.54 1.40 mN·m. These limits
-/// are what least squares with memory terms reached in a prototype.
+/// The published network errs by .120 .166 .254 N, 3.34 3.54 1.40 mN·m on the validation file.
+/// These limits are those of a prototype with memory terms.
 #[test]
 #[ignore = "needs the recordings"]
 fn another_labs_sensor_is_fitted_better_than_by_its_network() {
@@ -227,7 +223,7 @@ fn another_labs_sensor_is_fitted_better_than_by_its_network() {
     train.sort();
     let files = format!("{} --test {}", train.join(" "), test.join(" "));
     let found = program::json(dir.path(), &format!("fit {files} --model auto --json"));
-    // 2 % above what poly3 with lag and memory terms errs; `cubic+products`, the next best, errs 14 to 58 % more.
+    // 2 % above poly3 with lag and memory terms; `cubic+products`, next, errs 14 to 58 % more.
     let limits = [0.047, 0.126, 0.215, 1.40e-3, 1.33e-3, 0.47e-3];
     for (rms, limit) in rms(&found, "test").iter().zip(limits) {
         assert!(*rms <= limit, "{found}");

@@ -1,7 +1,6 @@
-//! Tests of fitting and judging calibrations, by the library and the program; one module for each subject.
+//! Tests of fitting and judging calibrations, by the library and the program.
 //!
-//! Tests on real recordings are ignored where `SHELLCAL_REAL_DATA` does not name their directory
-//! when the tests are built; see `build.rs`.
+//! Without `SHELLCAL_REAL_DATA` at build time, tests on real recordings are ignored (`build.rs`).
 
 #![allow(
     clippy::unwrap_used,

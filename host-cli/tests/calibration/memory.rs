@@ -1,5 +1,4 @@
-//! Rows in memory: however they are packed and however many threads work on them, a fit is the same, and it takes
-//! no more memory than its rows.
+//! A fit does not depend on packing or threads, and takes no more memory than its rows.
 
 use std::fs;
 use std::io::Write;
@@ -16,7 +15,6 @@ use system_tests::program;
 
 const NO_GROUPS: &str = "--layout peer";
 
-/// The calibration and the messages of a fit.
 fn fitted(dir: &Path, arguments: &str) -> (String, String) {
     let said = program::run(dir, &format!("fit --model cubic {arguments} --output cal.json"), 0);
     (fs::read_to_string(dir.join("cal.json")).unwrap(), said)
@@ -70,7 +68,6 @@ fn a_compressed_log_equals_its_text_and_a_copy_is_reported() {
     assert!(said.contains("copy.csv"), "{said}");
 }
 
-/// Columns have exactly the capacity that they need.
 #[test]
 fn rows_take_eight_bytes_a_number() {
     let dir = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! A reference that lags: every command says the forces of one and the same moment.
+//! With a reference that lags, every command gives forces of the same moment.
 
 use std::fs;
 use std::path::Path;
@@ -15,15 +15,15 @@ use crate::recording::{column, read_log};
 
 const AXES: [&str; 6] = ["fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"];
 
-/// A share of the errors by which they may differ: forces and loads are straight between rows.
+/// Share of the errors by which they may differ: forces and loads are straight between rows.
 const SAME: f64 = 0.02;
 
 fn numbers(path: &Path, name: &str) -> Vec<f64> {
     column(path, name).iter().map(|field| field.parse().unwrap()).collect()
 }
 
-/// Root mean square of forces at some times less the load of a table, straight between its rows. After its last row no
-/// load is known.
+/// Root mean square of forces minus the loads of a table, straight between its rows, at some times.
+/// No load is known after the last row.
 fn rms_by_time(table: &Path, times_s: &[f64], forces: &[f64], axis: &str) -> f64 {
     let (known_s, loads) = (numbers(table, "t_s"), numbers(table, axis));
     let load = |time_s: f64| {
@@ -48,7 +48,6 @@ fn assert_same(found: &[f64], expected: &[f64], what: &str) {
     }
 }
 
-/// The errors of what `convert` writes.
 fn converted(dir: &Path, calibration: &str, table: &Path) -> Vec<f64> {
     let (log, out) = (table.display(), dir.join("out.csv"));
     let plain = "--no-tare --no-lowpass --all-rows -o out.csv";
@@ -78,8 +77,8 @@ fn a_lag_is_made_up_for_alike_in_every_command() {
     let compared: Vec<f64> = compared["axes"].as_array().unwrap().iter().map(of).collect();
     assert_same(&compared, &expected, "compare");
 
-    // Forces of a trial keep the time stamps of its rows: they are straight between moments at 0.7 and 0.3 of a row,
-    // which averages what they err by from row to row, to no less than the root of 0.7² + 0.3².
+    // Forces of a trial keep the rows' times: they are straight between moments at 0.7 and 0.3 of a
+    // row, which averages independent errors, to no less than the root of 0.7² + 0.3².
     let file = CalibrationFile::read(&dir.join("lag.json")).unwrap();
     let profile = Profile::velociroach();
     let forces = forces::ForceOptions::RAW;
@@ -96,7 +95,6 @@ fn a_lag_is_made_up_for_alike_in_every_command() {
         assert!((0.7..1.0 + SAME).contains(&share), "trial: {found} {expected}");
     }
 
-    // So do those beside readings in a recording.
     program::succeed(dir, "convert lag.json test.csv --no-tare --no-lowpass -o out.mcap");
     program::succeed(dir, "info out.mcap");
     let (_, said) = program::ended(dir, "convert lag.json test.csv --no-lowpass -o out.csv", 0);
@@ -108,7 +106,7 @@ fn calibrations_that_differ_by_rounding_are_alike() {
     let folder = tempfile::tempdir().unwrap();
     let dir = folder.path();
     log(dir, "a.csv", 1, 1.0);
-    // One least-squares answer by two solvers: its last bits differ.
+    // Two solvers give one answer, except for its last bits.
     program::succeed(dir, "fit a.csv --model linear -o first.json");
     program::succeed(dir, "fit a.csv --model linear --solver tsqr -o second.json");
     let found = program::json(dir, "eval first.json a.csv --against second.json --json");
@@ -117,8 +115,8 @@ fn calibrations_that_differ_by_rounding_are_alike() {
     }
 }
 
-/// The lag of this sensor is a sixth of a row. Its logs have no clock; with the one of their rate, rows err by time as `eval`
-/// says, and without it forces are taken between rows, which also averages some of their noise.
+/// The lag is a sixth of a row. Without a clock in the logs, forces are taken between rows, which
+/// also averages some noise; with the clock of their rate, errors by time are those of `eval`.
 #[test]
 #[ignore = "needs the recordings"]
 fn rows_of_another_labs_sensor_err_by_time_as_eval_says() {

@@ -1,4 +1,4 @@
-//! Suspicious rows: all that change a result are named, and no good row is.
+//! Suspicious rows: every row that changes a result is named, and no good row is.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -10,7 +10,7 @@ use system_tests::random::Random;
 use system_tests::real_recording;
 use tempfile::TempDir;
 
-/// The fields of a row of the shell's logs: time, eight readings, six axes, group.
+/// Fields of a row: time, eight readings, six axes, group.
 const READINGS: std::ops::Range<usize> = 1..9;
 const LOADS: std::ops::Range<usize> = 9..15;
 
@@ -18,7 +18,6 @@ fn report(dir: &TempDir, arguments: &str) -> Value {
     json(dir, &format!("{arguments} --json"))
 }
 
-/// The lines that a report names.
 fn lines(report: &Value, what: &str) -> Vec<usize> {
     let rows = report[what].as_array().map_or(&[][..], Vec::as_slice);
     rows.iter().map(|row| row["line"].as_u64().unwrap() as usize).collect()
@@ -28,12 +27,10 @@ fn rms(report: &Value, of: &str) -> Vec<f64> {
     report[of].as_array().unwrap().iter().map(|axis| axis["rms"].as_f64().unwrap()).collect()
 }
 
-/// Corrupts a row in one of four ways.
 fn corrupt(row: &str, random: &mut Random) -> String {
     let mut fields: Vec<String> = row.split(',').map(str::to_owned).collect();
     let channel = READINGS.start + random.below(8) as usize;
     match random.below(4) {
-        // A spike, in a reading or in a load.
         0 => {
             let at =
                 if random.percent(50) { channel } else { LOADS.start + random.below(6) as usize };
@@ -45,13 +42,11 @@ fn corrupt(row: &str, random: &mut Random) -> String {
             let before = fields.clone();
             fields[READINGS.start..LOADS.end].clone_from_slice(&before[..LOADS.end - 1]);
         }
-        // A bit that is stuck.
         2 => {
             let bit = 1 << (8 + random.below(4));
             let value: u64 = fields[channel].parse().unwrap();
             fields[channel] = (value ^ bit).to_string();
         }
-        // Two columns that have changed places.
         _ => {
             let columns = if random.percent(50) { READINGS } else { LOADS };
             let positions = columns.len() as u64;
@@ -172,7 +167,7 @@ fn effects_are_those_on_the_written_model_and_impossible_predictions_are_not_quo
     let said = talk("fit load.csv --model linear");
     assert!(said.contains("1 suspicious row; RMS error on the other rows"), "{said}");
     assert!(said.contains("Fz is predicted"), "{said}");
-    // The rows are found by a polynomial, which differs from the written model.
+    // A polynomial finds the rows, not the written model.
     let said = talk("fit load.csv --model physics");
     assert!(said.contains("1 suspicious row\n"), "{said}");
     // A cubic polynomial predicts kilonewtons from such a reading.
@@ -231,10 +226,8 @@ fn dropped_rows_are_listed_and_the_rest_is_fitted_as_if_they_were_not_there() {
     for arguments in ["--valid-range 5:1", "--valid-range x", "--outliers perhaps"] {
         refused(dir.path(), &format!("fit --model cubic dirty.csv --dropped d.csv {arguments}"));
     }
-    // `info` names them, too.
     let info: Value = serde_json::from_str(&succeed(&dir, "info dirty.csv --json")).unwrap();
     assert_eq!(lines(&info[0], "outliers"), [701, 1501, 2001]);
-    // Half of the rows are no slips.
     let mut mixed = clean.clone();
     (1..1250).for_each(|line| mixed[line] = corrupt(&clean[line], &mut random));
     write(&dir, "mixed.csv", &mixed);
@@ -300,15 +293,15 @@ fn files_of_motion() -> Vec<String> {
     paths
 }
 
-/// A hundred spikes of one channel in a recording of fast motion, each of 8 to 16 standard deviations of the changes
-/// between its neighbouring readings.
+/// A hundred spikes of one channel in fast motion, each of 8 to 16 standard deviations of the
+/// changes between neighbouring readings.
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
 fn spikes_in_fast_motion_are_named_and_no_other_row() {
     const SPIKES: usize = 100;
     const CHANNELS: usize = 12;
     let (dir, mut random) = (tempfile::tempdir().unwrap(), Random(8));
-    // All recordings as one, so that line numbers identify rows.
+    // One recording, so that line numbers identify rows.
     let mut rows = Vec::<Vec<f64>>::new();
     let mut header = String::new();
     for path in files_of_motion() {
@@ -339,7 +332,7 @@ fn spikes_in_fast_motion_are_named_and_no_other_row() {
     let is_planted = |line: &&usize| positions.contains(&(**line - 2));
     let found = named.iter().filter(is_planted).count();
     println!("{found} of {SPIKES} spikes named, {} other rows", named.len() - found);
-    // A cubic model without lag and memory follows such motion badly: a spike of a channel that counts for little is
-    // within its errors.
+    // A cubic model without lag and memory follows badly: a minor channel's spike is within its
+    // errors.
     assert!(found >= 95 && named.len() == found, "{found} of {SPIKES}: {named:?}");
 }

@@ -1,4 +1,4 @@
-//! `fit --partial` and `merge`: parts of a fit, put together, are the whole.
+//! `fit --partial` and `merge`: merged parts equal the whole fit.
 
 use std::fs;
 use std::process::Output;
@@ -8,7 +8,6 @@ use tempfile::TempDir;
 
 use crate::sealed::sealed;
 
-/// Three recordings of different lengths.
 fn recordings() -> TempDir {
     let dir = tempfile::tempdir().unwrap();
     for (seed, rows) in [(1, 900), (2, 1700), (3, 400)] {
@@ -21,7 +20,7 @@ fn recordings() -> TempDir {
 fn merged_parts_are_the_fit_over_all_files_bit_for_bit_in_any_grouping() {
     let dir = recordings();
     for model in ["--model cubic", "--model poly3", "--model quadratic --no-intercept"] {
-        // Sums know nothing of groups.
+        // Sums contain no groups.
         let by_rows = "--covariance rows -o whole.json";
         succeed(&dir, &format!("fit 1.csv 2.csv 3.csv {model} {by_rows}"));
         for file in 1..=3 {
@@ -53,7 +52,7 @@ fn merged_parts_are_the_fit_over_all_files_bit_for_bit_in_any_grouping() {
                 for figure in ["rms", "r_squared"] {
                     let (from_rows, from_sums) =
                         (figures(&whole, figure), figures(&merged, figure));
-                    // The errors of the whole fit come from predictions in `f64`, row by row.
+                    // The whole fit's errors come from `f64` predictions, row by row.
                     assert!((from_rows - from_sums).abs() < 1e-9 * from_rows, "{figure}");
                 }
                 let difference = figures(&whole, "bias") - figures(&merged, "bias");
@@ -99,7 +98,7 @@ fn parts_of_different_fits_are_refused() {
     assert!(!dir.path().join("cal.json").exists());
 }
 
-/// Rows that are repeated under another name, and other rows under the same name.
+/// Repeated rows under another name, and other rows under the same name.
 #[test]
 fn parts_of_other_columns_or_of_the_same_rows_are_refused() {
     let dir = recordings();
@@ -135,7 +134,7 @@ fn parts_of_other_columns_or_of_the_same_rows_are_refused() {
         let error = refused(&dir, "merge 1.json other.json -o cal.json");
         assert!(error.contains(expected), "{flags}: {error}");
     }
-    // The same columns with other options on the command line.
+    // The same columns with other options.
     for flags in ["--sensors s1,s2,s3,s4,s5,s6,s7,s8", "--serial A7", ""] {
         fit("2.csv", flags);
         succeed(&dir, "merge 1.json other.json -o cal.json");
@@ -163,8 +162,7 @@ fn a_damaged_or_foreign_part_is_refused() {
     }
 }
 
-/// The part of a merged calibration that must equal one fit over all files: everything but the figures
-/// that take the rows again.
+/// Everything but the figures that need the rows again: equal to one fit over all files.
 fn without_rows(file: &serde_json::Value) -> serde_json::Value {
     let mut file = file.clone();
     for figure in ["train", "excitation"] {
@@ -178,7 +176,7 @@ fn without_rows(file: &serde_json::Value) -> serde_json::Value {
     file
 }
 
-/// The sources without the digests of their rows, which only parts need, to recognise rows that were counted.
+/// Sources without the digests by which only parts recognise repeated rows.
 fn sources(file: &serde_json::Value) -> serde_json::Value {
     let mut sources = file["sources"].clone();
     for source in sources.as_array_mut().unwrap() {
@@ -195,7 +193,7 @@ fn merged_parts_with_groups_validate_as_one_fit_does_bit_for_bit_in_any_order() 
         ("--groups", "cubic", "--cv", "--cv"),
         ("--groups=column", "linear", "--cv", "--cv"),
         ("--groups=file", "linear", "--cv=file --covariance groups", "--cv --covariance groups"),
-        // Parts keep no order of rows, in which a lag or a memory would be looked for.
+        // Parts keep no order of rows, which a lag or memory needs.
         ("--groups", "auto", "--cv=10 --lag 0 --memory-terms none", "--cv=10"),
     ];
     for (keep, model, fit, merge) in cases {
@@ -321,7 +319,6 @@ fn groups_that_were_tampered_with_are_refused() {
     assert!(refused(&dir, "merge bad.json").contains("its last line but one is no checksum"));
 }
 
-/// Runs a command with `input` on its standard input.
 fn piped(dir: &TempDir, arguments: &str, input: &[u8]) -> Output {
     use std::io::Write;
     let mut child = program::command(dir.path())
@@ -331,7 +328,7 @@ fn piped(dir: &TempDir, arguments: &str, input: &[u8]) -> Output {
         .stderr(std::process::Stdio::piped())
         .spawn()
         .unwrap();
-    // Where the program ends early, the rest is not taken.
+    // A program that ends early takes no more.
     let _ = child.stdin.take().unwrap().write_all(input);
     child.wait_with_output().unwrap()
 }
@@ -375,8 +372,7 @@ fn partial_fits_pass_through_pipes() {
     assert!(refused(&dir, "fit 1.csv --partial - --json").contains("leave out `--json`"));
 }
 
-/// Memory holds one partial fit and the sum, regardless of the number of partial fits. The bound: the program
-/// takes some 5 MB for one, and 10,000 of them are 34 MB of text.
+/// Memory holds one partial fit and the sum: some 5 MB, while 10,000 are 34 MB of text.
 #[cfg(target_os = "linux")]
 #[test]
 fn ten_thousand_partial_fits_are_merged_in_flat_memory() {
@@ -385,7 +381,7 @@ fn ten_thousand_partial_fits_are_merged_in_flat_memory() {
     succeed(&dir, "synth train --rows 60 --rate 10 -o 1.csv");
     succeed(&dir, "fit 1.csv --model linear --partial 1.json");
     let text = fs::read_to_string(dir.path().join("1.json")).unwrap();
-    // The same file and the same rows are counted once: each part has a checksum and a digest.
+    // Each part needs its own checksum and digest, since the same rows count once.
     let own = |begin: &str| {
         let start = text.find(begin).unwrap() + begin.len();
         text[start..start + 32].to_owned()

@@ -33,7 +33,7 @@ fn a_fit_is_the_same_for_any_threads_and_its_file_repeats_its_results() {
     let evaluated = json(&dir, &format!("eval one.json {DATA}/synthetic-test.csv --json"));
     assert_eq!(evaluated["all"]["errors"], fitted["test"]);
     assert_eq!(fitted["parameters"], 80);
-    // The model that made the set: a fit that goes astray errs by newtons.
+    // The model that made the set; a wrong fit errs by newtons.
     for (axis, limit) in [0.14, 0.13, 0.16, 0.005, 0.007, 0.006].into_iter().enumerate() {
         assert!(rms(&fitted["test"])[axis] < limit, "{}", fitted["test"]);
     }
@@ -45,7 +45,7 @@ fn convert_gives_standard_errors_intervals_and_flags() {
     succeed(&dir, &format!("fit {DATA}/synthetic-train.csv --model physics -o cal.json"));
     let test = fs::read_to_string(Path::new(DATA).join("synthetic-test.csv")).unwrap();
     let mut lines: Vec<String> = test.lines().map(str::to_owned).collect();
-    // Once more the last row, its fourth sensor dead.
+    // The last row again, with a dead fourth sensor.
     let last = lines.last().unwrap().clone();
     let mut fields: Vec<&str> = last.split(',').collect();
     fields[4] = "4000";
@@ -68,7 +68,7 @@ fn convert_gives_standard_errors_intervals_and_flags() {
     assert!(covered as f64 > 0.88 * count as f64, "{covered} of {count}");
     assert_eq!(rows[count + 1][position("flags")], "s4:range s4:left-out");
     for (axis, limit) in [("fx_n", 0.5), ("fy_n", 0.5), ("fz_n", 0.5)] {
-        // Seven sensors say what eight said, to a few standard errors of 0.1 N.
+        // Seven sensors agree with eight, to a few standard errors of 0.1 N.
         assert!((value(count + 1, axis) - value(count, axis)).abs() < limit, "{axis}");
     }
 }
@@ -103,7 +103,6 @@ fn auto_compares_physics_on_the_same_folds_and_reports_its_choice() {
     let report: serde_json::Value = serde_json::from_str(&printed).unwrap();
     let (weighing, selection) = (&report["weighing"], &report["selection"]);
     let chosen = &selection["candidates"][selection["chosen"].as_u64().unwrap() as usize];
-    // The errors of the polynomial are those by which it was chosen.
     for axis in 0..6 {
         let (a, b) = (&weighing["polynomial_rms"][axis], &chosen["errors"]["rms"][axis]);
         let (a, b) = (a.as_f64().unwrap(), b.as_f64().unwrap());
@@ -113,7 +112,6 @@ fn auto_compares_physics_on_the_same_folds_and_reports_its_choice() {
     assert_eq!(report["model"] == "physics", takes_physics);
     let verdict = if takes_physics { "so physics is taken" } else { "is kept" };
     assert!(words.contains(verdict), "{words}");
-    // Options for polynomials only are refused by name.
     let said = refused(
         &dir,
         &format!("fit {DATA}/synthetic-train.csv --model physics --export-matrix m.csv"),
@@ -121,8 +119,7 @@ fn auto_compares_physics_on_the_same_folds_and_reports_its_choice() {
     assert!(said.contains("`--export-matrix` is for polynomials"), "{said}");
 }
 
-/// Limits for poses that were left out, of a prototype of this model: λ, widths and the form of the
-/// curve were settled while looking at these poses, so this is no proof for others.
+/// Limits from a prototype whose constants were chosen on these poses: no proof for others.
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
 fn poses_of_a_real_sensor_that_were_left_out_are_found_again() {

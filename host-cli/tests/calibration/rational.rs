@@ -1,7 +1,6 @@
 //! Least squares in exact rational arithmetic, by Dixon's p-adic lifting (Numer. Math. 40, 1982).
 //!
-//! Whatever the lifting does, its result is checked: numerators and denominator satisfy the normal
-//! equations in integers.
+//! The result is checked: numerators and denominator satisfy the normal equations in whole numbers.
 
 use calibration::model::Model;
 use num_bigint::{BigInt, Sign};
@@ -10,7 +9,6 @@ use num_traits::{One, Signed, ToPrimitive, Zero};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
-/// Rows of a training set.
 #[derive(Clone)]
 pub(crate) struct Rows {
     pub(crate) readings: Vec<Vec<f64>>,
@@ -18,7 +16,6 @@ pub(crate) struct Rows {
 }
 
 impl Rows {
-    /// The lab's header-less training CSV.
     pub(crate) fn recorded(name: &str) -> Self {
         let path = system_tests::real_recording(name);
         let text = std::fs::read_to_string(path).unwrap();
@@ -31,8 +28,7 @@ impl Rows {
         Self { readings: columns[1..9].to_vec(), wrench: columns[9..15].to_vec() }
     }
 
-    /// Correlated readings that fill a share `spread` of the range of `bits` bits, and a wrench
-    /// that is a cubic function of them with noise.
+    /// Correlated readings over a share `spread` of `bits` bits, and a noisy cubic wrench of them.
     pub(crate) fn synthetic(
         seed: u64,
         rows: usize,
@@ -64,7 +60,7 @@ impl Rows {
     }
 }
 
-/// `C = numerators / denominator · 2^exponent`, feature by feature; and the sums it came from.
+/// `C = numerators / denominator · 2^exponent`, feature by feature; and its sums.
 pub(crate) struct Solution {
     numerators: Vec<[BigInt; 6]>,
     denominator: BigInt,
@@ -76,7 +72,7 @@ pub(crate) struct Solution {
     rows: usize,
 }
 
-/// Solves for features of `(s − centre) / scale`, all of them exact; readings must be integers.
+/// Solves for exact features of `(s − centre) / scale`; readings must be whole.
 pub(crate) fn solve(rows: &Rows, model: &Model, centre: &[f64], scale: &[f64]) -> Solution {
     let terms = model.terms();
     let features: Vec<Vec<i128>> = (0..rows.len())
@@ -138,7 +134,6 @@ pub(crate) fn solve(rows: &Rows, model: &Model, centre: &[f64], scale: &[f64]) -
 }
 
 impl Solution {
-    /// The coefficients.
     pub(crate) fn coefficients(&self) -> Vec<[BigRational; 6]> {
         let unit = power(self.unit);
         self.numerators
@@ -152,7 +147,7 @@ impl Solution {
             .collect()
     }
 
-    /// Products of residuals, and for each axis the sum of squared differences from the mean.
+    /// Returns products of residuals, and each axis's sum of squared differences from the mean.
     pub(crate) fn residuals(&self) -> ([[f64; 6]; 6], [f64; 6]) {
         let unit = power(2 * self.unit);
         let residuals = std::array::from_fn(|a| {
@@ -227,7 +222,7 @@ fn lift(a: &[Vec<i128>], b: &[[BigInt; 6]]) -> (Vec<[BigInt; 6]>, BigInt) {
     let size = a.len();
     let prime = BigInt::from(PRIME);
     let inverse = inverse_matrix(a);
-    // Numerators and denominators are minors: at most the product of the norms of the columns.
+    // Numerators and denominators are minors: at most the product of the columns' norms.
     let bits = |row: &Vec<i128>| {
         // The norm is at most √p < 2⁴ times the largest element.
         let largest = row.iter().map(|x| x.unsigned_abs()).max().unwrap_or(0);

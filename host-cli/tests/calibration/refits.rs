@@ -1,4 +1,4 @@
-//! Held-out errors by fits without the rows, of solvers and readings that exact sums cannot serve.
+//! Held-out errors by refits, for solvers and readings without exact sums.
 
 use std::fs;
 use std::path::Path;
@@ -8,7 +8,7 @@ use tempfile::TempDir;
 
 const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration-data/synthetic-train.csv");
 
-/// The rows of thirty poses, readings multiplied by `factor`.
+/// Thirty poses, with readings multiplied by `factor`.
 fn folder(factor: f64) -> TempDir {
     let dir = tempfile::tempdir().unwrap();
     let text = fs::read_to_string(DATA).unwrap();
@@ -51,7 +51,7 @@ fn assert_same(found: &[f64], expected: &[f64], tolerance: f64) {
     }
 }
 
-/// The exact solver takes groups off sums; the others are fitted anew without each.
+/// The exact solver subtracts groups from sums; the others are refitted without each.
 #[test]
 fn fits_without_groups_have_the_errors_that_exact_sums_tell() {
     let dir = folder(1.0);
@@ -59,8 +59,8 @@ fn fits_without_groups_have_the_errors_that_exact_sums_tell() {
         let (exact, _) = fit(dir.path(), &format!("{cv} {options}"));
         for solver in ["tsqr", "svd"] {
             let (refitted, _) = fit(dir.path(), &format!("{cv} {options} --solver {solver}"));
-            // Condition numbers below 1e4 in double precision. A ridge is about the mean of the rows that are
-            // fitted here, of all rows there.
+            // Condition numbers below 1e4 in double precision. A ridge is about the mean of the
+            // fitted rows here, of all rows there.
             let tolerance = if options.contains("ridge") { 1e-5 } else { 1e-9 };
             assert_same(&held_out(&refitted), &held_out(&exact), tolerance);
             let count = |report: &serde_json::Value| report["cross_validation"]["folds"].as_u64();
@@ -75,7 +75,7 @@ fn readings_that_no_sum_takes_exactly_are_validated_too() {
     let (counts, volts) = (folder(1.0), folder(3.3 / 4095.0));
     let (expected, _) = fit(counts.path(), "--cv --model quadratic");
     let (found, said) = fit(volts.path(), "--cv --model quadratic -o cal.json");
-    // Rows are assigned at random by what they hold: that figure is of other rows.
+    // Content assigns rows at random, so that figure differs.
     assert_same(&held_out(&found)[..6], &held_out(&expected)[..6], 1e-8);
     // At condition numbers below 1e4 nothing is lost.
     assert_eq!(said.matches("not solved exactly").count(), 0, "{said}");
@@ -86,8 +86,8 @@ fn readings_that_no_sum_takes_exactly_are_validated_too() {
             |at: &serde_json::Value| selection["candidates"][at.as_u64().unwrap() as usize].clone();
         [candidate(&selection["best"]), candidate(&selection["chosen"])]
     };
-    // A ridge is about a mean, which in counts is rounded to a 300th of a standard deviation: measured 8e-5,
-    // and 1.02e-3 with memory terms, which leave a third of the errors and resemble each other.
+    // In counts, the ridge's mean is rounded to a 300th of a standard deviation: measured 8e-5, and
+    // 1.02e-3 with memory terms, which leave a third of the errors and resemble each other.
     for (options, tolerance) in [("--lag 0 --memory-terms none", 1e-3), ("", 2e-3)] {
         let candidates = [&counts, &volts].map(|dir| chosen(dir, options));
         for (expected, found) in candidates[0].iter().zip(&candidates[1]) {
@@ -98,7 +98,7 @@ fn readings_that_no_sum_takes_exactly_are_validated_too() {
             assert_same(&[score(found)], &[score(expected)], tolerance);
         }
     }
-    // Without a group column they are found, and said.
+    // Without a group column, groups are found, with a message.
     let text = fs::read_to_string(volts.path().join("train.csv")).unwrap();
     let without: Vec<&str> = text.lines().map(|row| row.rsplit_once(',').unwrap().0).collect();
     fs::write(volts.path().join("train.csv"), without.join("\n") + "\n").unwrap();
@@ -113,7 +113,7 @@ fn every_solver_is_validated_as_it_is_fitted() {
     let dir = folder(1.0);
     let (plain, _) = fit(dir.path(), "--cv --model poly3 --ridge 1e-9 --solver svd");
     let (cut, _) = fit(dir.path(), "--cv --model poly3 --solver svd --truncate 1e-2");
-    // Thirty poses determine few directions of 164: leaving out the others reduces errors on new poses.
+    // Thirty poses determine few of 164 directions: leaving out the others reduces errors.
     assert!(held_out(&cut)[0] < held_out(&plain)[0], "{plain} {cut}");
     let (huber, _) = fit(dir.path(), "--cv --model linear --solver huber");
     let (squares, _) = fit(dir.path(), "--cv --model linear");
@@ -125,7 +125,7 @@ fn every_solver_is_validated_as_it_is_fitted() {
     );
 }
 
-/// The file says which ridge was found: with it, given by hand, the coefficients are the same.
+/// Given by hand, the ridge in the file gives the same coefficients.
 #[test]
 fn the_ridge_that_cross_validation_finds_is_recorded() {
     let dir = folder(1.0);

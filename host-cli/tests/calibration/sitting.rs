@@ -1,5 +1,4 @@
-//! Sittings on the sensor model: which loads are asked for, how well they calibrate, and faults that are named
-//! within their load.
+//! Sittings on the sensor model: order of loads, errors, and faults named within their load.
 
 use std::collections::VecDeque;
 use std::ops::RangeInclusive;
@@ -30,9 +29,8 @@ pub(crate) struct Bench {
     fast: f64,
     /// Movement of the reference, N.
     bumped_n: f64,
-    /// Channel without a sensor, and whether it still scatters.
+    /// Channel without a sensor, and true if it still scatters.
     unplugged: Option<(usize, bool)>,
-    /// Loads of the last second.
     history: VecDeque<PerAxis<f64>>,
     rows: i64,
 }
@@ -78,7 +76,6 @@ impl Bench {
         LiveRow { time_s, index: self.rows, readings: Some(readings), wrench, ..LiveRow::default() }
     }
 
-    /// Applies a load whose rows nobody sees.
     fn pass(&mut self, load: &PerAxis<f64>, rows: usize) {
         for _ in 0..rows {
             self.row(load);
@@ -100,8 +97,7 @@ impl Bench {
         None
     }
 
-    /// Hangs the load that is asked for, as `hung` has it, and takes it off again; returns its label if it
-    /// was recorded.
+    /// Hangs the requested load, as in `hung`, and takes it off; returns its label if recorded.
     fn hang(&mut self, sitting: &mut Sitting, hung: &HungLoads) -> Option<String> {
         let load = hung.loads()[sitting.next_line()].wrench();
         let label = self.show(sitting, &load, 8.0);
@@ -109,7 +105,6 @@ impl Bench {
         label
     }
 
-    /// Records a load without the guide.
     pub(crate) fn hold(&mut self, load: &PerAxis<f64>) -> HeldLoad {
         let mut held = HeldLoad::default();
         self.pass(load, 50);
@@ -118,7 +113,6 @@ impl Bench {
         held
     }
 
-    /// Root mean square error of the forces on new loads, N.
     pub(crate) fn error(&mut self, estimate: &Estimate, seed: u64) -> f64 {
         let mut random = RandomStream::new(seed, Purpose::TestPoses, 0);
         let mut squares = Vec::new();
@@ -144,14 +138,13 @@ fn random_load(random: &mut RandomStream) -> PerAxis<f64> {
     force_at(direction.map(|x| force_n * x / length), point)
 }
 
-/// Sits through the loads that are asked for, up to `count`.
+/// Applies up to `count` requested loads.
 fn sit(bench: &mut Bench, sitting: &mut Sitting, hung: &HungLoads, count: usize) {
     bench.show(sitting, &[0.0; 6], 2.0);
     while sitting.stage() == SittingStage::Loads && sitting.used() < count {
         let before = sitting.used();
         let line = sitting.next_line();
         if sitting.view().wrench != hung.loads()[line].wrench() {
-            // The table is wrong about it: that is for the test to show.
             sitting.skip();
             continue;
         }
@@ -174,7 +167,7 @@ fn a_reference_that_is_late_and_drifts_calibrates_as_well_as_a_perfect_one() {
         sit(&mut late, &mut sitting, &rig(), 24);
         assert_eq!(sitting.used(), 24);
         let found = late.error(sitting.estimate().unwrap(), seed);
-        // The same loads on the same sensor, with the loads known exactly.
+        // The same loads on the same sensor, known exactly.
         let table = HungLoads::parse(&sitting.table().unwrap()).unwrap();
         let lines = sitting.lines_of(&table).unwrap();
         let mut bench = Bench::new(seed);
@@ -189,11 +182,10 @@ fn a_reference_that_is_late_and_drifts_calibrates_as_well_as_a_perfect_one() {
         late_sum += found.powi(2);
         perfect_sum += perfect.powi(2);
     }
-    // The mounting of the model's reference turns and shifts its axes (0.3°, 0.3 mm), about 0.01 N of 3 N.
+    // The mounting turns and shifts the reference's axes (0.3°, 0.3 mm), about 0.01 N of 3 N.
     assert!(late_sum.sqrt() < 1.1 * perfect_sum.sqrt(), "{late_sum} {perfect_sum}");
 }
 
-/// The loads of a table as exact wrenches.
 fn exact(table: &HungLoads) -> HungLoads {
     let of = |load: &HungLoad| (load.group.clone(), load.wrench());
     HungLoads::from_wrenches(table.loads().iter().map(of)).unwrap()
@@ -303,7 +295,7 @@ fn a_limit_out_of_reach_is_said_with_the_reason() {
     assert!(said.starts_with("even with all loads left the error in F"), "{said}");
 }
 
-/// A log of loads of a table, each for two seconds, with their labels.
+/// Each load for two seconds, with labels.
 fn log(bench: &mut Bench, loads: &HungLoads, count: usize) -> String {
     let mut text = "t_s,s1,s2,s3,s4,s5,s6,s7,s8,group\n".to_owned();
     for load in &loads.loads()[..count] {

@@ -1,4 +1,4 @@
-//! Identities that hold for the least-squares fit of a log, whatever the numbers.
+//! Identities of a log's least-squares fit, for any numbers.
 
 use calibration::model::{Basis, Model};
 use calibration::rank_loss::Dependence;
@@ -9,7 +9,7 @@ use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
 use system_tests::random::Random;
 
-/// Integer readings and a wrench with noise that look random, the same on every machine.
+/// Pseudo-random whole readings and a noisy wrench, the same on every machine.
 fn block(rows: usize) -> Block {
     let mut random = Random(7);
     let mut random = || random.bits(12) as f64;
@@ -40,7 +40,6 @@ fn fit(problem: &FitProblem, block: &Block) -> Result<(Solution, Calibration), F
     Ok((solution, calibration))
 }
 
-/// The block with its rows in the order of `order`.
 fn reordered(block: &Block, order: &[usize]) -> Block {
     let pick = |columns: &[Vec<f64>]| {
         columns.iter().map(|column| order.iter().map(|&row| column[row]).collect()).collect()
@@ -146,7 +145,7 @@ fn dependent_channels_are_found_in_every_model_and_none_invented() {
 
 #[test]
 fn channels_one_count_apart_make_a_quadratic_model_singular_and_are_named() {
-    // d = s2 − s1 is 0 or 1, so d² = d: a relation among the features of the two alone.
+    // d = s2 − s1 is 0 or 1, so d² = d: a relation among their features.
     let mut block = block(3000);
     block.readings[1] =
         block.readings[0].iter().zip(&block.readings[2]).map(|(s, r)| s + r % 2.0).collect();

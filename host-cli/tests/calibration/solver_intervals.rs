@@ -6,7 +6,7 @@ use system_tests::{program, real_recording};
 
 const SOLVERS: [&str; 6] = ["exact", "tsqr", "svd", "svd --truncate 1e-9", "ridge-gcv", "huber"];
 
-/// The covariance in the calibration file of a fit of the shipped set's first groups, and the root mean square of
+/// Returns the covariance in a fit of the shipped set's first groups, and the root mean square of
 /// the standard errors of Fx on its rows.
 fn covariance(directory: &Path, solver: &str) -> (Value, f64) {
     let arguments = format!("fit train.csv --model linear --solver {solver} -o cal.json");
@@ -55,8 +55,8 @@ fn every_solver_has_intervals_from_groups_that_were_held_out() {
             };
             let pairs = factors(&found).into_iter().zip(factors(&exact));
             for (found, exact) in pairs {
-                // The same least squares except for rounding: the ridge chosen by GCV for a well-conditioned
-                // fit is nearly zero. A robust fit has other weights.
+                // The same least squares except for rounding: GCV chooses nearly no ridge for a
+                // well-conditioned fit. A robust fit has other weights.
                 let tolerance = if solver == "huber" { 0.5 } else { 0.02 };
                 assert!((found / exact - 1.0).abs() < tolerance, "{solver}: {found} {exact}");
             }
@@ -64,8 +64,8 @@ fn every_solver_has_intervals_from_groups_that_were_held_out() {
     }
 }
 
-/// Compares the degrees of freedom of a fit's coefficients with those of
-/// `coef_test(lm(…), vcov = "CR2", cluster = group, test = "Satterthwaite")` of clubSandwich 0.5.8 in R 4.2.2.
+/// Compares the coefficients' degrees of freedom with `coef_test(lm(…), vcov = "CR2", cluster =
+/// group, test = "Satterthwaite")` of clubSandwich 0.5.8 in R 4.2.2.
 fn check_degrees(directory: &Path, arguments: &str, expected: &[Option<f64>]) {
     for solver in ["exact", "tsqr"] {
         let output = program::output(
@@ -78,7 +78,7 @@ fn check_degrees(directory: &Path, arguments: &str, expected: &[Option<f64>]) {
         for (found, expected) in found.iter().zip(expected) {
             let Some(expected) = expected else { continue };
             let found = found.as_f64().unwrap();
-            // Readings of some thousand counts that vary by some hundred: R loses six of sixteen digits.
+            // R loses six of sixteen digits on thousands of counts that vary by some hundred.
             assert!((found / expected - 1.0).abs() < 1e-8, "{arguments} {solver}: {said}");
         }
     }
@@ -108,7 +108,7 @@ fn coefficients_have_the_degrees_of_freedom_of_club_sandwich() {
     check_degrees(directory.path(), "train.csv --model quadratic", &quadratic);
 }
 
-/// The slopes of 32 poses of a real sensor have far fewer degrees of freedom than poses.
+/// The slopes of 32 real poses have far fewer degrees of freedom than poses.
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
 fn slopes_of_real_poses_have_the_degrees_of_freedom_of_club_sandwich() {

@@ -1,5 +1,4 @@
-//! A reference that measures some axes of the wrench: results on these axes equal those of a fit to all six,
-//! and the other axes are not mentioned.
+//! A reference with some axes: results equal those of six, and other axes are not mentioned.
 
 use std::fs;
 use std::path::Path;
@@ -8,12 +7,11 @@ use calibration_file::CalibrationFile;
 use serde_json::Value;
 use system_tests::program::{self, document, json};
 
-/// The axes that are measured, by their positions.
+/// Positions of the measured axes.
 const PLACES: [usize; 2] = [0, 2];
 const COLUMNS: [&str; 2] = ["fx_n", "fz_n"];
 
-/// A log with six axes and the same log with two, `six.csv` and `two.csv`, with twenty poses, enough for an
-/// interval.
+/// Writes `six.csv` with six axes and `two.csv` with two; twenty poses are enough for an interval.
 fn logs(dir: &Path, seed: u32) -> [String; 2] {
     let [six, two] = ["six", "two"].map(|name| format!("{name}{seed}.csv"));
     program::run(dir, &format!("synth train --rows 4000 --seed {seed} -o {six}"), 0);
@@ -33,11 +31,10 @@ fn axes() -> Value {
     COLUMNS.into_iter().collect()
 }
 
-/// The largest difference between results of triangular factors, relative to the largest number: their rounding
-/// depends on the number of columns and on the width of the processor's vectors, that of exact sums does not.
+/// Largest relative difference between triangular factors, whose rounding depends on columns and
+/// vector width; exact sums have none.
 const ROUNDING: f64 = 1e-11;
 
-/// The numbers of a document, in order.
 fn numbers(values: &Value) -> Vec<f64> {
     match values {
         Value::Array(values) => values.iter().flat_map(numbers).collect(),
@@ -60,7 +57,6 @@ fn assert_same(found: &Value, expected: &Value, is_exact: bool, what: &str) {
     }
 }
 
-/// The entries of the measured axes, from a list with one entry for each of six axes.
 fn picked(values: &Value) -> Value {
     PLACES.iter().map(|&position| values[position].clone()).collect()
 }
@@ -87,8 +83,8 @@ fn a_fit_of_some_axes_equals_a_fit_of_six() {
         for name in ["named.json", "part.json"] {
             let part = document(dir, name);
             assert_eq!((&part["schema_version"], &part["axes"]), (&4.into(), &axes()));
-            // A file of fewer columns is cut into other blocks. Exact sums do not depend on that; other
-            // solvers centre and scale the features by a sample, which is of other rows then.
+            // Fewer columns are cut into other blocks, and solvers other than exact sums centre and
+            // scale the features by a sample of them.
             if name == "named.json" || is_exact {
                 let what = format!("{name} {flags}");
                 assert_same(&part["coefficients"], &coefficients, is_exact, &what);
@@ -100,17 +96,14 @@ fn a_fit_of_some_axes_equals_a_fit_of_six() {
                     None => assert_same(&of_part, &of_whole, is_exact, &what),
                 }
             }
-            // Read back it is the same document.
             let read = CalibrationFile::read(&dir.join(name)).unwrap();
             assert_eq!(read.to_json(), fs::read_to_string(dir.join(name)).unwrap());
         }
-        // Named columns are remembered; for the same rows all figures are the same.
         let named = document(dir, "named.json");
         assert_eq!(named["columns"]["wrench"], axes());
         let train = |of: &Value| of["diagnostics"]["train"].clone();
         assert_same(&train(&named), &picked(&train(&whole)), is_exact, flags);
     }
-    // A partial fit, and the result of its merge.
     program::run(dir, &format!("fit {two} --model linear --partial part-sums.json --groups"), 0);
     program::run(dir, "merge part-sums.json -o merged.json", 0);
     program::run(dir, &format!("fit {two} --model linear -o part.json"), 0);
@@ -153,7 +146,7 @@ fn every_output_has_only_the_calibrated_axes() {
     let [part, whole] = ["cal.json", "whole.json"]
         .map(|cal| json(dir, &format!("eval {cal} {two_test} --json"))["all"]["errors"].clone());
     assert_eq!((part.as_array().unwrap().len(), &part), (2, &whole));
-    // A limit is for axes that are compared, or fails: gates.rs.
+    // A limit on axes that are not compared fails: gates.rs.
     let said = program::run(dir, &format!("eval two.json {six_test}"), 0);
     assert!(said.contains("not compared: Fy, Mx, My, Mz"), "{said}");
 
@@ -189,7 +182,6 @@ fn every_output_has_only_the_calibrated_axes() {
     let noise = format!("info {six_test} --noise --calibration cal.json --json");
     let noise = json(dir, &noise)[0]["axes"].clone();
     assert_eq!(noise.as_object().unwrap().keys().collect::<Vec<_>>(), COLUMNS);
-    // Missing axes are not among its findings.
     let found = program::output(dir, &format!("doctor cal.json {two_test} --calibration cal.json"));
     let found = String::from_utf8(found.stdout).unwrap();
     assert!(found.contains("two5.csv"), "{found}");
@@ -237,7 +229,6 @@ fn commands_that_need_all_axes_refuse_fewer() {
     assert!(!dir.join("out.mcap").exists());
 }
 
-/// Axes that were not fitted are not mentioned.
 #[test]
 fn the_report_of_forces_alone_is_silent_on_moments() {
     let dir = tempfile::tempdir().unwrap();

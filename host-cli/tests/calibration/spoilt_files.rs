@@ -19,10 +19,10 @@ const POSES: usize = 60;
 const ROWS_OF_POSE: usize = 20;
 const TEST_ROWS: usize = 800;
 
-/// The loads of an axis, N or N·m (root mean square).
+/// Root mean square, N or N·m.
 const LOADS: [f64; 6] = [1.0, 1.2, 1.5, 0.05, 0.06, 0.04];
 
-/// A sensor of eight channels that each see all loads, bent a little.
+/// Eight channels that each see all loads, bent a little.
 #[derive(Clone)]
 struct Sensor {
     mixing: Vec<[f64; 6]>,
@@ -46,7 +46,6 @@ impl Sensor {
     }
 }
 
-/// Rows as they are recorded.
 #[derive(Clone)]
 struct Recording {
     name: &'static str,
@@ -78,7 +77,6 @@ impl Recording {
         self.wrench[3..].iter_mut().flatten().for_each(change);
     }
 
-    /// Changes the signs of axes in the rows from `from` on.
     fn negate(&mut self, axes: &[usize], from: usize) {
         for &axis in axes {
             self.wrench[axis][from..].iter_mut().for_each(|value| *value = -*value);
@@ -91,7 +89,6 @@ impl Recording {
     }
 }
 
-/// Training and test recordings of a sensor.
 #[derive(Clone)]
 struct Session {
     train: Vec<Recording>,
@@ -110,7 +107,6 @@ fn wander(random: &mut Random, rows: usize) -> Vec<[f64; 6]> {
 }
 
 impl Session {
-    /// Poses of constant load in one file.
     fn of_poses(seed: u64, poses: usize, noise: f64, bend: f64) -> Self {
         let mut random = Random(seed);
         let sensor = Sensor::new(&mut random, noise, bend);
@@ -126,7 +122,6 @@ impl Session {
         Self { train: vec![train], test }
     }
 
-    /// Five files of motion.
     fn of_files(seed: u64, noise: f64, bend: f64) -> Self {
         let mut random = Random(seed);
         let sensor = Sensor::new(&mut random, noise, bend);
@@ -163,7 +158,7 @@ impl Session {
 
 type Spoil = fn(&mut Session);
 
-/// Ways to spoil a session: the name, the change, and a part of the headline that it leads to.
+/// The name, the change, and a part of the resulting headline.
 const OF_POSES: [(&str, Spoil, &str); 36] = [
     (
         "test: Fx and Fy exchanged",

@@ -1,5 +1,5 @@
-//! The temperature as a channel of a calibration, on recordings of an instrument that is not the sensor
-//! model: each channel is linear in the wrench, and its zero and gain in the temperature.
+//! The temperature as a channel of a calibration, on an instrument whose channels are linear in the
+//! wrench, with zero and gain linear in the temperature.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -21,9 +21,8 @@ impl Draws {
     }
 }
 
-/// A log of poses, 20 rows each, while the temperature goes from one value to another, °C.
+/// Poses of 20 rows each, while the temperature changes, °C.
 fn log(poses: usize, from_c: f64, to_c: f64, seed: u64) -> String {
-    // The instrument is the same in all logs.
     let mut instrument = Draws(7);
     let gains: [[f64; 6]; CHANNELS] = std::array::from_fn(|channel| {
         std::array::from_fn(|axis| {
@@ -83,15 +82,14 @@ fn a_temperature_among_the_channels_takes_its_effect_out_of_the_forces() {
     let (without, linear) = (errors("linear", ""), errors("linear", ",temperature_c"));
     let quadratic = errors("quadratic", ",temperature_c");
     for axis in 0..3 {
-        // Seven channels and six axes: the change of the zeros is one more unknown, which the seventh channel
-        // determines. The remaining error is the gain, up to 2 % over 3 degrees, which products with the
-        // temperature model.
+        // The change of the zeros is a seventh unknown beside six axes, which the seventh channel
+        // determines. Products with the temperature model the gain, up to 2 % over 3 degrees.
         assert!(without[axis] > 2.0 * linear[axis], "{axis}: {without:?} {linear:?}");
         assert!(linear[axis] > 1.2 * quadratic[axis], "{axis}: {linear:?} {quadratic:?}");
         // The noise remains, 3 counts at most over gains of 300.
         assert!(quadratic[axis] < 0.02, "{quadratic:?}");
     }
-    // The calibration remembers its channels, and readings outside their range are reported, including the
+    // The calibration remembers its channels, and flags readings out of range, also the
     // temperature.
     fs::write(dir.path().join("warm.csv"), log(20, 31.0, 32.0, 3)).unwrap();
     program::run(dir.path(), "convert linear,temperature_c.json warm.csv -o warm-out.csv", 0);

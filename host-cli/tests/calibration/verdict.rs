@@ -16,7 +16,6 @@ use system_tests::real_recording;
 
 const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration-data");
 
-/// The shipped training set with its lines changed.
 fn shipped(change: impl Fn(Vec<String>) -> Vec<String>) -> String {
     let text = fs::read_to_string(Path::new(DATA).join("synthetic-train.csv")).unwrap();
     let mut lines = text.lines().map(str::to_owned);
@@ -50,12 +49,12 @@ fn the_verdict_comes_first_and_limits_check_what_was_held_out() {
     assert!(text.contains("no 95 % interval: nothing was held out"), "{text}");
     ended(&dir, &format!("{fit} --strict"), 1);
     ended(&dir, &format!("{fit} --cv --strict"), 0);
-    // The training error is 0.117 N at most, that on held-out groups 0.125 N.
+    // The training error is 0.117 N at most, on held-out groups 0.125 N.
     ended(&dir, &format!("{fit} --cv --max-rms 0.12"), 1);
     ended(&dir, &format!("{fit} --cv --max-rms 0.14 --max-rms-moment 0.006"), 0);
     let (_, said) = ended(&dir, &format!("{fit} --max-rms 0.14"), 1);
     assert!(said.contains("the error on new loads is not known"), "{said}");
-    // The test errs by at most 0.143 N and is printed: the limit applies to it as well.
+    // The limit applies to the printed test as well, which errs by at most 0.143 N.
     let test = format!("--test {DATA}/synthetic-test.csv");
     ended(&dir, &format!("{fit} --cv {test} --max-rms 0.15"), 0);
     let (_, said) = ended(&dir, &format!("{fit} --cv {test} --max-rms 0.13"), 1);
@@ -149,7 +148,7 @@ fn units_that_are_not_known_are_refused_and_moments_in_other_units_are_reported(
         said.contains("column `Fz (stone)`: the unit `stone` of its force is not understood"),
         "{said}"
     );
-    // N·mm in columns that do not say so.
+    // N·mm in columns without a unit.
     let large = shipped(|lines| {
         let in_mm = |line: String| {
             let mut fields: Vec<String> = line.split(',').map(str::to_owned).collect();
@@ -168,7 +167,6 @@ fn units_that_are_not_known_are_refused_and_moments_in_other_units_are_reported(
     assert!(!said.contains("lever"), "{said}");
 }
 
-/// Fits some rows, labelled by their groups, and finds the errors on others.
 fn fit_rows(train: &[Row], test: &[Row]) -> Fit {
     let data = |rows: &[Row]| {
         let column = |of: &dyn Fn(&Row) -> f64| rows.iter().map(of).collect::<Vec<f64>>();
@@ -194,7 +192,6 @@ struct Row {
     group: usize,
 }
 
-/// The rows of a real sensor, by pose.
 fn poses() -> Vec<Row> {
     let path = real_recording("others/photointerrupters/poses.csv");
     let mapping = Mapping { group: Some(ColumnRef::Name("pose".into())), ..Mapping::default() };
@@ -235,7 +232,7 @@ fn random_splits_and_permuted_labels_of_a_real_sensor_leak_and_grouped_splits_do
         let mut order = rows.clone();
         shuffle(&mut order, &mut random);
         let (test, train) = order.split_at_mut(rows.len() / 5);
-        // Neither file rounded, or one of them, to nine decimals down to two.
+        // No file, one or both rounded, to nine decimals down to two.
         let decimals = [9, 7, 5, 4, 3, 2][case % 6];
         match case % 3 {
             1 => round(train, decimals),

@@ -122,8 +122,8 @@ fn the_same_command_makes_the_same_pair() {
     assert!(read("b.csv") != read("d.csv"));
 }
 
-/// Adds a sync signal to a pair: high for 50 ms from each of `edges_s` on, in the reference's clock; the
-/// board log gets the times at which the board sees the edges.
+/// Adds a sync signal to a pair: high for 50 ms from each of `edges_s` on, in the reference's
+/// clock; the board log gets the times at which the board sees the edges.
 fn add_edges(at: &Path, edges_s: &[f64], offset_s: f64, skew: f64) {
     let text = std::fs::read_to_string(at.join("ref.csv")).unwrap();
     let mut lines = text.lines();
@@ -168,8 +168,8 @@ fn edges_of_a_common_signal_align_recordings_that_loads_do_not() {
         assert_eq!(report["edges"]["matched"], 7, "{report}");
         assert_eq!(report["edges"]["by_loads"].is_object(), by_loads);
         assert_eq!(report["explained"].is_number(), by_loads);
-        // Bounds: one sample period of the reference over √12 if the error is common to all edges, and the
-        // error of the mean of seven edges.
+        // Bounds: a sample period of the reference over √12 if the error is common to all edges,
+        // and the error of the mean of seven edges.
         let sample_s = 1e-3 / 12_f64.sqrt();
         let range = sample_s / 8_f64.sqrt()..sample_s;
         assert!(range.contains(&clock("offset_se_s")), "{report}");
@@ -178,7 +178,7 @@ fn edges_of_a_common_signal_align_recordings_that_loads_do_not() {
         assert!((clock("skew") - skew).abs() < 3.0 * clock("skew_se"), "{report}");
         assert!(report["rows"]["written"].as_u64().unwrap() > 2_900);
     }
-    // The loads give the same result within their errors, and the clocks equal those without the flag.
+    // The loads agree within their errors, and give the same clocks without the flag.
     succeed(at, &format!("{PAIR} --offset {offset_s} --skew 120"));
     let plain = json(at, "align ref.csv log.csv -o plain.csv --json");
     assert!(plain["edges"].is_null());

@@ -1,12 +1,11 @@
-//! Recordings with real-world defects: losses, gaps, repeats, uneven clocks, saturation, and pairs that do
-//! not belong together.
+//! Recordings with real-world defects, and pairs that do not belong together.
 use alignment::{AlignError, Options, Recording, RecordingSide, align};
 use simulation::sensor_model::PairSettings;
 use system_tests::random::Random;
 
 use crate::alignment::{SESSION, errors, linear_session, recordings};
 
-/// Aligns a disturbed session and checks offset and skew against the truth, within their standard errors.
+/// Checks offset and skew of a disturbed session against the truth, within their standard errors.
 fn check(reference: Recording, board: Recording, truth: &PairSettings) {
     let aligned = align(reference, board, Options::default()).unwrap();
     let (offset_s, skew) = errors(&aligned.clock, truth);
@@ -54,7 +53,7 @@ fn an_uneven_clock_does_not_bias() {
 
 #[test]
 fn repeated_rows_do_not_bias() {
-    // A logger at 1 kHz that repeats each frame nine times; the frame is new in its first row.
+    // A logger at 1 kHz that repeats each frame nine times; the first is new.
     let (reference, fresh) = recordings(SESSION);
     let mut board = Recording { time_s: vec![], columns: vec![vec![]; 8] };
     for row in 0..fresh.time_s.len() {
@@ -146,7 +145,7 @@ fn the_scale_of_the_columns_does_not_matter() {
     };
     let other = align(scaled(reference, 1024.0), scaled(board, 1.0 / 64.0), Options::default());
     let other = other.unwrap().clock;
-    // Powers of two scale without rounding; the floors that guard against division by zero do not.
+    // Powers of two scale without rounding; the floors against division by zero do not.
     assert!((plain.offset_s - other.offset_s).abs() < 1e-9);
     assert!((plain.skew - other.skew).abs() < 1e-10);
 }
@@ -172,7 +171,6 @@ fn recordings_of_different_sessions_are_refused() {
     }
 }
 
-/// A load that all columns follow.
 fn one_load(duration_s: f64, rate_hz: f64, columns: usize, load: impl Fn(f64) -> f64) -> Recording {
     let mut random = Random(columns as u64);
     let time_s: Vec<f64> =

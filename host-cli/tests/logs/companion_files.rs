@@ -6,7 +6,6 @@ use std::path::Path;
 use serde_json::Value;
 use system_tests::{program, real_recording};
 
-/// Columns `from` to `to` of a CSV, with or without its header.
 fn columns(text: &str, [from, to]: [usize; 2], with_names: bool) -> String {
     let cut = |line: &str| {
         line.split(',').skip(from).take(to - from).collect::<Vec<_>>().join(",") + "\n"
@@ -26,7 +25,7 @@ fn a_wrench_in_another_file_gives_the_same_coefficients() {
     program::run(dir, "synth train --rows 3000 --seed 5 -o whole.csv", 0);
     let text = fs::read_to_string(dir.join("whole.csv")).unwrap();
     program::run(dir, "fit whole.csv --model linear --covariance rows -o whole.json", 0);
-    // Both files have the time, and the first file's time is used.
+    // Both files have the time; the first one's is used.
     let wrench = columns(&text, [9, 15], true);
     let wrench: String = wrench
         .lines()
@@ -51,7 +50,6 @@ fn a_wrench_in_another_file_gives_the_same_coefficients() {
         program::run(dir, &format!("fit {files} --model linear --covariance rows -o {to}"), 0);
         assert_eq!(coefficients(dir, to), coefficients(dir, "whole.json"), "{files}");
     }
-    // Calibration and partial fit name both files with their checksums.
     let flags = "--model linear --partial sums.json --groups";
     program::run(dir, &format!("fit readings.csv --wrench-from wrench.csv {flags}"), 0);
     program::run(dir, "merge sums.json -o merged.json", 0);
@@ -104,7 +102,7 @@ fn files_with_different_rows_are_refused_and_nothing_is_written() {
     assert!(!dir.join("cal.json").exists());
 }
 
-/// The reference figures come from plain least squares on standardised columns, in double precision.
+/// Reference figures by plain least squares on standardised columns, in double precision.
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
 fn the_figures_of_soft_robotic_tongs_are_reached_by_one_command() {

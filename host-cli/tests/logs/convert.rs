@@ -29,7 +29,6 @@ fn linear(channels: usize) -> Calibration {
     Calibration::new(model, Scaling::identity(channels), rows)
 }
 
-/// Reading of `channel` in frame `frame`, a whole number.
 fn reading(frame: usize, channel: usize) -> f64 {
     (2000.0 + 900.0 * (frame as f64 * (0.003 + 0.001 * channel as f64)).sin()).round()
 }
@@ -103,13 +102,13 @@ fn run(path: &Path, options: &ConvertOptions) -> Result<(String, ConvertSummary)
     run_on(&open(path), &linear(3), options)
 }
 
-/// Numbers of a table, row by row; empty cells are NaN.
+/// Numbers row by row; empty cells are NaN.
 fn numbers(text: &str) -> Vec<Vec<f64>> {
     let number = |field: &str| if field.is_empty() { f64::NAN } else { field.parse().unwrap() };
     text.lines().skip(1).map(|line| line.split(',').map(number).collect()).collect()
 }
 
-/// The largest coefficient times the largest reading is 29 N; sums of three round to 1e-14 of that.
+/// The largest term is 29 N; sums of three round to 1e-14 of that.
 const TOLERANCE: f64 = 1e-12;
 
 #[test]
@@ -348,7 +347,7 @@ fn calibration_that_overflows() -> Calibration {
 const TRIAL: &str =
     "skinproc/velociroach_s=10cm_w=5.5cm_h=27cm_layer=3_ply=6_f=13Hz_beetleshell_run3.txt";
 
-/// The lab's matrix: 24 features (s1, s1², s1³, s2, …) by six axes in N and mN·m.
+/// 24 features (s1, s1², s1³, s2, …) by six axes in N and mN·m.
 fn lab_matrix(path: &Path) -> Vec<[f64; 6]> {
     let text = std::fs::read_to_string(path).unwrap();
     let row = |line: &str| -> [f64; 6] {
@@ -358,7 +357,7 @@ fn lab_matrix(path: &Path) -> Vec<[f64; 6]> {
     text.lines().skip(1).map(row).collect()
 }
 
-/// Trial of the lab: time in µs and eight readings per row.
+/// Time in µs and eight readings per row.
 fn lab_trial(path: &Path) -> Vec<(f64, [f64; 8])> {
     let text = std::fs::read_to_string(path).unwrap();
     let row = |line: &str| {

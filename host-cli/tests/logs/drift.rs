@@ -1,5 +1,4 @@
-//! Zero drift: reported, warned about, and followed. The recordings come from the sensor model, with and
-//! without warm-up.
+//! Zero drift: reported, warned about, and followed, on the sensor model with and without warm-up.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -16,8 +15,7 @@ use crate::recording::column;
 
 const RATE_HZ: f64 = 100.0;
 
-/// The shipped unit without ambient light and its own warm-up, but with this rise of temperature; no
-/// hysteresis.
+/// The shipped unit with this rise of temperature, without ambient light, warm-up and hysteresis.
 fn sensor(warm_up_k: f64, warm_up_s: f64, seed: u64) -> SensorModel {
     let mut unit = SensorParameters::nominal().unit(1);
     unit.elastic = true;
@@ -27,7 +25,7 @@ fn sensor(warm_up_k: f64, warm_up_s: f64, seed: u64) -> SensorModel {
     SensorModel::new(&unit, seed).unwrap()
 }
 
-/// Calibrated on the same unit at rest temperature.
+/// On the same unit at the initial temperature.
 fn calibration(folder: &Path) -> Calibration {
     program::run(folder, "synth train --rows 6000 --elastic -o train.csv", 0);
     program::run(folder, "fit --model cubic train.csv -o cal.json", 0);
@@ -39,7 +37,7 @@ fn load(is_loaded: bool) -> [f64; 6] {
     if is_loaded { [0.8, 0.5, -1.0, 0.0, 0.0, 0.0] } else { [0.0; 6] }
 }
 
-/// A recording with a load at the times for which `is_loaded` is true: times and readings.
+/// Times and readings, loaded when `is_loaded`.
 fn recorded(
     mut sensor: SensorModel,
     seconds: f64,
@@ -57,7 +55,7 @@ fn recorded(
     (times, readings)
 }
 
-/// The recording as a log; `extra` adds further cells to a row.
+/// The recording as a log; `extra` adds cells to a row.
 fn log(
     (times, readings): &(Vec<f64>, Vec<Vec<f64>>),
     name: &str,
@@ -79,14 +77,13 @@ fn alarms_have_the_stated_rate_and_a_drift_raises_them() {
     let alarms = |warm_up_k: f64, logs: u64| {
         let mut alarms = 0;
         for seed in 0..logs {
-            // A load held in the middle, at a different time in each log.
             let start = 2.0 + 0.01 * (seed % 37) as f64;
             let sensor = sensor(warm_up_k, 3.0, seed);
             let (times, readings) = recorded(sensor, 6.0, |t| t >= start && t < start + 1.0);
             let mut watch = ZeroWatch::default();
             watch.look_at(&times, &readings);
             let zero = watch.finish(&calibration).unwrap();
-            // Rests before and after, but not under load.
+            // Stationary intervals are before and after, but not under load.
             assert!((4..=10).contains(&zero.rests) && zero.last_s > 4.0, "{zero:?}");
             alarms += u64::from(zero.largest().is_some());
         }
@@ -95,7 +92,7 @@ fn alarms_have_the_stated_rate_and_a_drift_raises_them() {
     let false_alarms = alarms(0.0, 1000);
     // Three standard deviations of a share of 1000 above the promised maximum.
     assert!(false_alarms <= FALSE_ALARMS + 0.0095, "{false_alarms}");
-    // A rise of 3 K is 12 counts in 2000 at a noise of 4 counts, with a time constant of three seconds.
+    // A rise of 3 K is 12 counts in 2000 at a noise of 4 counts, with a time constant of 3 s.
     let power = alarms(3.0, 200);
     assert!(power >= 0.99, "{power}");
     println!(
@@ -110,8 +107,7 @@ fn slopes_equal_those_of_the_warm_up() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     calibration(folder);
-    // A rise of 10 K with a time constant of half a minute. The board reports its temperature every second,
-    // as `record` writes it.
+    // A rise of 10 K with a time constant of half a minute, reported every second.
     let model = sensor(10.0, 30.0, 5);
     let warmth: Vec<f64> = (0..6000).map(|i| model.warmth_k(f64::from(i) / RATE_HZ)).collect();
     let recorded = recorded(model, 60.0, |t| (20.0..30.0).contains(&t));
@@ -125,8 +121,7 @@ fn slopes_equal_those_of_the_warm_up() {
     let channels = found["channels"].as_array().unwrap();
     assert_eq!(channels.len(), 8);
     for (channel, drift) in channels.iter().enumerate() {
-        // Truth: the mean over a second at the end minus the mean over a second at the start, from the
-        // model without noise, per K of difference.
+        // Truth: the last second minus the first, from the model without noise, per K.
         let mut quiet = SensorParameters::nominal().unit(1);
         quiet.elastic = true;
         quiet.scale_noise(0.0);
@@ -146,7 +141,7 @@ fn slopes_equal_those_of_the_warm_up() {
             "{channel}: {slope} {truth} {error}"
         );
         assert!(error < 0.1 * truth.abs(), "{channel}: {error}");
-        // The warm-up is not linear in time, but is linear in temperature.
+        // The warm-up is linear in temperature, but not in time.
         let left = |by: &str| drift[by]["residual_rms"].as_f64().unwrap();
         let ratio = left("per_degree") / left("per_s");
         assert!(ratio < 0.7, "{channel}: {ratio}");
@@ -182,7 +177,7 @@ fn a_still_zero_holds() {
         (&Value::Null, &serde_json::json!([21.5, 21.5]))
     );
     for drift in found["channels"].as_array().unwrap() {
-        // Noise of 4 counts: the mean of a rest has 0.6 counts, and so has its wander at most.
+        // At a noise of 4 counts, the mean of a stationary interval has 0.6 counts.
         assert!(drift["wander"].as_f64().unwrap() < 0.6, "{drift}");
         assert_eq!(drift["per_degree"], Value::Null);
     }
@@ -226,7 +221,7 @@ fn logs_too_short_for_a_drift_are_refused() {
     assert!(text.contains("or `rests`"), "{text}");
 }
 
-/// The RMS error of the forces of a table over the loaded time, N.
+/// RMS error of a table's forces over the loaded time, N.
 fn errors(table: &Path, is_loaded: impl Fn(f64) -> bool) -> f64 {
     let numbers = |name: &str| -> Vec<f64> {
         column(table, name).iter().map(|field| field.parse().unwrap()).collect()
@@ -289,7 +284,6 @@ fn a_tare_that_follows_rests_takes_a_drift_out_and_commands_warn_without_it() {
     assert!(ended(folder, batch, 0).1.contains("the zero of"));
     assert!(!ended(folder, &format!("{batch} --tare rests"), 0).1.contains("the zero of"));
 
-    // A stable zero causes no warning.
     let still = recorded(sensor(0.0, 1.0, 9), 30.0, is_loaded);
     fs::write(folder.join("log.csv"), log(&still, "", |_| String::new())).unwrap();
     assert!(!ended(folder, "convert cal.json log.csv -o x.csv", 0).1.contains("the zero of"));

@@ -1,5 +1,4 @@
-//! Binary files from other programs: layouts that were misread once. The files are in the directory that
-//! `SHELLCAL_REAL_DATA` names.
+//! Binary files of other programs, in `SHELLCAL_REAL_DATA`, with layouts that were misread once.
 
 use std::path::PathBuf;
 
@@ -7,7 +6,6 @@ use log_file::{ColumnRef, Log, LogError, Mapping, ReadOptions, Wanted};
 use shell_data::block::Block;
 use system_tests::real_recording;
 
-/// A file of that directory.
 fn case(name: &str) -> PathBuf {
     real_recording(&format!("../cases/{name}"))
 }
@@ -25,7 +23,7 @@ fn open(name: &str, mapping: &Mapping) -> Result<(Log, Block), LogError> {
     Ok((log, block))
 }
 
-/// Number of rows and channels, last time, and number of groups.
+/// Returns rows, channels, last time, and groups.
 fn shape(name: &str) -> (usize, usize, Option<f64>, usize) {
     let (log, block) = open(name, &Mapping::default()).unwrap_or_else(|error| panic!("{error}"));
     let mut groups: Vec<&String> = block.groups.iter().map(|(group, _)| group).collect();

@@ -1,4 +1,4 @@
-//! Hints that name an option: each is followed on the file that caused it, and the result is right.
+//! Hints that name an option: each is followed on the file that caused it, with the right result.
 
 use std::fs;
 use std::path::Path;
@@ -7,7 +7,7 @@ use system_tests::program;
 
 const ROWS: usize = 40;
 
-/// A file, a command that fails on it, the option in its hint, and texts that the output has with the option.
+/// A file, a failing command, the option in its hint, and texts of the output with the option.
 struct HintCase {
     file: (&'static str, String),
     command: &'static str,
@@ -159,7 +159,7 @@ fn cases() -> Vec<HintCase> {
     ]
 }
 
-/// The command without the options that its hint rejects.
+/// Removes the options that the hint rejects.
 fn followed(command: &str, options: &str) -> String {
     let file = command.split_whitespace().take(2).collect::<Vec<_>>().join(" ");
     format!("{file} {options}")
@@ -179,7 +179,6 @@ fn hints_that_name_an_option_lead_to_the_right_result() {
     }
 }
 
-/// Writes a table in a MATLAB file whose every third force is missing.
 fn write_sparse_table(path: &Path) {
     use table_file::write::{Cells, write_matlab};
     let column = |of: &dyn Fn(usize) -> f64| (0..ROWS).map(of).collect::<Vec<f64>>();

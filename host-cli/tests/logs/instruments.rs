@@ -5,7 +5,7 @@ use std::path::Path;
 
 use system_tests::program;
 
-/// Files by the names that the table uses: what their programs write above the rows, and the rows.
+/// Writes files by the table's names, with the lines that their programs write above the rows.
 fn write_files(dir: &Path) {
     let load = |row: usize| (row % 7) as f64 - 3.0;
     let six = |row: usize, separator: &str| {
@@ -313,7 +313,6 @@ fn decisions_about_the_head_are_reported() {
     fs::write(dir.path().join("volts.csv"), volts).unwrap();
     let said = program::run(dir.path(), "info volts.csv", 2);
     assert!(said.contains("the unit `volts` of its force is not understood"), "{said}");
-    // The hint works: the file is read with it.
     assert!(said.contains("--unit 'Fx (volts)=UNIT'"), "{said}");
     program::run(dir.path(), "info volts.csv --unit force=N,moment=N·m", 0);
 }

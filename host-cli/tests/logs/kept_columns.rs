@@ -6,7 +6,7 @@ use std::path::Path;
 use log_file::{Log, LogError, Mapping, ReadOptions, Wanted};
 use system_tests::program;
 
-/// A calibration, and a log with a text column and a column with occasional gaps.
+/// A calibration, and a log with a text column and a column with gaps.
 fn folder() -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
     program::run(dir.path(), "synth train --rows 400 --seed 8 -o plain.csv", 0);
@@ -32,7 +32,7 @@ fn supply(row: usize) -> &'static str {
     if row.is_multiple_of(100) { "3.7" } else { "" }
 }
 
-/// The columns of text of a file by the program's own readers.
+/// The text columns of a file by the program's own readers.
 fn texts(path: &Path, names: &[&str]) -> Vec<Vec<String>> {
     let log = Log::open(path, &Mapping::default()).unwrap();
     let position =
@@ -65,13 +65,12 @@ fn texts_are_copied_into_every_kind_of_file() {
             assert_eq!(found, [&expected[..], &supplies[..]], "{extension} {flags}");
         }
     }
-    // Further numeric columns stay numbers, under their name, or another if that is taken.
+    // Numeric columns stay numbers, under their name, or another if that is taken.
     let text = fs::read_to_string(dir.join("out.csv")).unwrap();
     let header: Vec<&str> = text.lines().next().unwrap().split(',').collect();
     assert!(header.contains(&"knob") && header.contains(&"log_fx_n"), "{header:?}");
     assert_eq!(header[header.len() - 3..], ["surface", "supply_v", "flags"]);
-    // Files that other programs read: MATLAB's have one row of characters a row, records of NumPy a
-    // field, a recording a property.
+    // MATLAB has a row of characters a row, records of NumPy a field, a recording a property.
     for extension in ["mat", "npy", "mcap"] {
         let out = format!("out.{extension}");
         program::run(dir, &format!("convert cal.json log.csv --keep surface,knob -o {out}"), 0);
@@ -83,8 +82,8 @@ fn texts_are_copied_into_every_kind_of_file() {
     assert!(said.contains("`surfaces`") && said.contains("`surface`"), "{said}");
 }
 
-/// A log that repeats each reading three times, as in telemetry that runs faster than its sensor. The
-/// comparison of all commands shows that the tare of telemetry does not depend on repeats either.
+/// Each reading is repeated three times, as in telemetry faster than its sensor. The comparison of
+/// all commands shows that a tare does not depend on repeats either.
 #[test]
 fn all_rows_keeps_every_row_and_the_forces() {
     let dir = tempfile::tempdir().unwrap();

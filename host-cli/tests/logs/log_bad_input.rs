@@ -1,4 +1,4 @@
-//! Bad input: what was expected, what was found and where; exit code 2 and a hint.
+//! Bad input: the message says what was expected, found and where; exit code 2 and a hint.
 
 use std::io::Write;
 use std::path::Path;
@@ -13,7 +13,6 @@ fn file(bytes: &[u8]) -> tempfile::NamedTempFile {
     file
 }
 
-/// Reads all rows.
 fn read(path: &Path, threads: usize) -> Result<(), LogError> {
     let log = Log::open(path, &Mapping::default())?;
     let wanted = Wanted {
@@ -189,7 +188,7 @@ fn bad_rows_are_left_out_on_request_and_counted() {
 
 #[test]
 fn faults_among_decimal_commas_are_shown_as_the_file_has_them() {
-    // A point that the file has stays one.
+    // A point in the file stays one.
     for (field, expected) in [("1,5x", "found `1,5x`"), ("1.5x", "found `1.5x`")] {
         let text = format!("t_s;s1\n0,5;1,25\n1,5;{field}\n");
         let output = info(text.as_bytes(), &[]);

@@ -1,4 +1,4 @@
-//! One recording in every kind of file that is read, written by the programs that people use
+//! One recording in every kind of file, written by popular programs
 //! (`crates/log-file/fuzz/make_seeds.py`): the same coefficients, bit for bit.
 
 use std::path::{Path, PathBuf};
@@ -83,7 +83,7 @@ fn fits_of_the_same_recording_have_the_same_coefficients() {
     }
 }
 
-/// RMS on the training rows, Fx to Mz in N and N·mm, of plain least squares on standardised columns (numpy).
+/// RMS of the training, Fx to Mz in N and N·mm, by least squares on standardised columns (numpy).
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
 fn a_matrix_of_another_lab_is_fitted_as_it_is() {
@@ -103,13 +103,13 @@ fn a_matrix_of_another_lab_is_fitted_as_it_is() {
         for (axis, expected) in expected.iter().enumerate() {
             let rms = document["diagnostics"]["train"][axis]["rms"].as_f64().unwrap();
             let (rms, digit) = if axis < 3 { (rms, 1e-4) } else { (1e3 * rms, 1e-3) };
-            // To the last digit that is given.
+            // To the last digit given.
             assert!((rms - expected).abs() <= 0.5001 * digit, "{model} {axis}: {rms}, {expected}");
         }
     }
 }
 
-/// The matrices of a file by their names, and by their shapes: the same numbers.
+/// Matrices by name and by shape: the same numbers.
 #[test]
 fn matrices_are_readings_and_wrench_by_their_names_or_their_shapes() {
     let path = seeds().join("hdf5/by_shape.h5");
@@ -157,7 +157,7 @@ fn published_hdf5_recordings_equal_those_of_their_csv() {
     assert!(hdf5 == csv);
 }
 
-/// One thousand files of every layout with bytes changed, removed or repeated: each is read or refused.
+/// Each of a thousand files with bytes changed, removed or repeated is read or refused.
 #[test]
 fn damaged_hdf5_files_are_refused_without_a_panic() {
     let dir = tempfile::tempdir().unwrap();
@@ -186,7 +186,7 @@ fn damaged_hdf5_files_are_refused_without_a_panic() {
     assert!((100..1000).contains(&refused), "{refused}");
 }
 
-/// Where the variables of a MATLAB 5 file end: a header of 128 bytes, then a kind, a length and that many bytes each.
+/// Ends of a MATLAB 5 file's variables: 128 bytes of header, then a kind, a length, and the bytes.
 fn ends_of_variables(bytes: &[u8]) -> Vec<usize> {
     let mut ends = vec![128];
     while let Some(tag) = bytes.get(ends[ends.len() - 1]..).and_then(|rest| rest.get(4..8)) {
@@ -204,9 +204,9 @@ fn files_cut_anywhere_are_errors_that_name_them() {
         for entry in std::fs::read_dir(seeds().join(folder)).unwrap() {
             let path = entry.unwrap().path();
             let bytes = std::fs::read(&path).unwrap();
-            // A recording without its end holds all rows until then; LabVIEW's says so in a note.
+            // A cut recording holds all rows until then; a note says so for LabVIEW's.
             let ends_early = ["mcap", "rosbag", "tdms"].contains(&folder);
-            // A MATLAB file does not state its number of variables: a cut between two of them looks complete.
+            // MATLAB does not state the number of variables: a cut between two looks complete.
             let ends = if folder == "matlab" { ends_of_variables(&bytes) } else { Vec::new() };
             let lengths = (16..bytes.len()).step_by(bytes.len() / 60 + 1);
             for length in lengths.chain((!ends_early).then_some(bytes.len() - 1)) {
@@ -228,12 +228,11 @@ fn files_cut_anywhere_are_errors_that_name_them() {
     }
 }
 
-/// Channels are listed again in every chunk of a long recording: those of two topics that hold no forces, three thousand
-/// times in turn, are no more topics than two.
+/// Every chunk lists its channels again: two topics without forces, three thousand times.
 #[test]
 fn topics_that_are_not_read_are_counted_once() {
     let bytes = std::fs::read(seeds().join("mcap/none.mcap")).unwrap();
-    // An opcode, the length of what follows, and that; texts with their length before them (the specification of MCAP).
+    // An opcode, a length, and content; texts follow their length (MCAP's specification).
     let channel = |id: u16| {
         let topic = if id.is_multiple_of(2) { "/tf" } else { "/image" };
         let mut body = [id.to_le_bytes(), [0; 2]].concat();
@@ -279,7 +278,7 @@ fn faults_are_named_by_row_and_column() {
     assert!(complaint.contains("`forces`; it has `run/Fx`, `run/Fy`"), "{complaint}");
     let complaint = said("b.h5", &seed("hdf5/gzip.h5")[..900], &[]);
     assert!(complaint.contains("a damaged HDF5 file"), "{complaint}");
-    // 24 rows of 8 become so many that no memory holds them.
+    // 24 rows of 8 become more than any memory holds.
     let sides = |rows: u64| [rows.to_le_bytes(), 8_u64.to_le_bytes()].concat();
     let mut claims = seed("hdf5/by_shape.h5");
     let found: Vec<usize> =
@@ -291,7 +290,7 @@ fn faults_are_named_by_row_and_column() {
     assert!(complaint.contains("`/x`; it has `/readings`, `/wrench`"), "{complaint}");
     let complaint = said("a.xlsx", &seed("xlsx/workbook.xlsx"), &["--table", "x"]);
     assert!(complaint.contains("without a sheet `x`; it has `Sheet`"), "{complaint}");
-    // Formats that hold one table alone.
+    // Formats with a single table.
     for (name, of) in [("a.parquet", "parquet/groups.parquet"), ("a.npy", "numpy/matrix.npy")] {
         let complaint = said(name, &seed(of), &["--table", "x"]);
         assert!(complaint.contains("is a single table, and has none called `x`"), "{complaint}");
@@ -303,7 +302,7 @@ fn faults_are_named_by_row_and_column() {
     let complaint = said("b.mat", &matlab[..128], &[]);
     assert!(complaint.contains("no matrix or vector of real numbers"), "{complaint}");
     assert!(!complaint.contains("--table"), "{complaint}");
-    // A column by its position is like no other.
+    // A column by its position resembles no other.
     let complaint = said("c.npy", &seed("numpy/matrix.npy"), &["--sensors", "40-41"]);
     assert!(complaint.contains("no columns `column 40`, `column 41`"), "{complaint}");
     assert!(!complaint.contains("did you mean"), "{complaint}");

@@ -1,5 +1,4 @@
-//! Each format on small files. Results depend on the file alone, not on threads, cuts, compression or the
-//! parser of a row.
+//! Each format on small files: the same for all threads, cuts, compressions and parsers of a row.
 
 use std::io::Write;
 use std::path::Path;
@@ -10,7 +9,6 @@ use log_file::{
 };
 use shell_data::block::Block;
 
-/// A file that goes away with the test.
 fn file(bytes: &[u8]) -> tempfile::NamedTempFile {
     let mut file = tempfile::NamedTempFile::new().unwrap();
     file.write_all(bytes).unwrap();
@@ -38,7 +36,6 @@ fn all(log: &Log) -> Wanted {
     }
 }
 
-/// All rows as one block.
 fn read_with(log: &Log, wanted: &Wanted, options: &ReadOptions<'_>) -> (Block, ReadSummary) {
     let mut whole = Block::default();
     let summary = log
@@ -52,7 +49,7 @@ fn read(log: &Log) -> Block {
 }
 
 fn append(whole: &mut Block, block: Block) -> Result<(), LogError> {
-    // The row before a block, as stored in the block, must equal the last row of the previous block.
+    // A block stores the last row of the previous block.
     let last = (whole.rows > 0 && !whole.readings.is_empty())
         .then(|| whole.readings.iter().map(|column| column[whole.rows - 1]).collect::<Vec<_>>());
     assert_eq!(block.readings_before, last);
@@ -298,7 +295,7 @@ fn plain_rows_and_quoted_rows_give_the_same_bits() {
     assert_eq!(bits(&plain.0), bits(&quoted.0));
 }
 
-/// A number as a log may have it: mostly plain, of every length, some of them not plain.
+/// Numbers of every length as in logs, mostly plain.
 fn number(i: usize) -> String {
     let value = (i as f64 * 0.7).sin();
     match i % 97 {
@@ -429,7 +426,6 @@ fn progress_ends_at_the_size_of_the_file() {
 
 #[test]
 fn logs_of_any_width_are_read() {
-    // Where rows are wide, a block holds few of them, down to a single one.
     for width in 15..=140 {
         let names =
             (0..width - 14).map(|i| format!("x{i}")).chain((1..=8).map(|i| format!("s{i}")));

@@ -1,4 +1,4 @@
-//! The readers on the real recordings, where this machine has them.
+//! The readers on the real recordings.
 
 use log_file::{Log, LogError, LogFormat, Mapping, ReadOptions, ReadSummary, Wanted};
 use shell_data::block::Block;
@@ -57,7 +57,6 @@ fn the_training_set_has_its_rows_in_si_units() {
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
 fn the_console_log_has_the_frames_that_the_base_station_printed() {
     let path = real_recording("skinproc/stream_log_excerpt.txt");
-    // All in one block.
     let log = Log::open(&path, &Mapping::default()).unwrap().with_chunk_bytes(1 << 22);
     assert_eq!((log.format(), log.channels()), (LogFormat::Console, 8));
     let wanted = Wanted { time: true, readings: true, ..Wanted::default() };

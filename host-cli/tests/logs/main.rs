@@ -1,7 +1,6 @@
-//! Tests of reading, converting and aligning logs; one module for each subject.
+//! Tests of reading, converting and aligning logs.
 //!
-//! Tests on real recordings are ignored where `SHELLCAL_REAL_DATA` does not name their directory
-//! when the tests are built; see `build.rs`.
+//! Without `SHELLCAL_REAL_DATA` at build time, tests on real recordings are ignored (`build.rs`).
 
 #![allow(
     clippy::unwrap_used,

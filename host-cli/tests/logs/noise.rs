@@ -1,4 +1,4 @@
-//! The scatter of an unloaded sensor, of logs whose scatter is known.
+//! The noise of logs whose scatter is known.
 
 use std::path::{Path, PathBuf};
 
@@ -15,7 +15,7 @@ fn calibration(channels: usize) -> Calibration {
     Calibration::new(model, Scaling::identity(channels), rows.collect())
 }
 
-/// Two channels that go up and down by one count, in step, each frame written twice; then a push.
+/// Two channels that go up and down by one count, each frame written twice; then a push.
 fn log(directory: &Path) -> PathBuf {
     let mut text = String::from("t_s,s1,s2\n");
     for row in 0..400 {

@@ -1,5 +1,4 @@
-//! One log, one calibration, one set of options: the same forces, bit for bit, from every command that
-//! shows forces.
+//! One log, calibration and set of options: every command that shows forces gives the same bits.
 
 use std::collections::HashMap;
 use std::fs;
@@ -20,12 +19,11 @@ use trial::{Instrument, Profile, Trace, TraceExtent, Trial, TrialOptions};
 
 use crate::recording::{calibration, column, stream};
 
-/// The bits of the wrench at each time, by the bits of the time.
+/// Bits of the wrench by bits of the time.
 type Forces = HashMap<u64, [u64; 6]>;
 
 const AXES: [&str; 6] = ["fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"];
 
-/// The forces of a table.
 fn of_table(path: &Path) -> Forces {
     let bits = |name: &str| -> Vec<u64> {
         let numbers = column(path, name).into_iter().map(|field| field.parse::<f64>().unwrap());
@@ -41,7 +39,7 @@ fn of_trace(trace: &Trace) -> Forces {
     trace.t_s.iter().enumerate().map(|(row, time)| (time.to_bits(), wrench(row))).collect()
 }
 
-/// Asserts that `some` are among `all`, and how many at least.
+/// Asserts that `some`, at least `at_least`, are among `all`.
 fn assert_within(some: &Forces, all: &Forces, at_least: usize, what: &str) {
     assert!(some.len() >= at_least, "{what}: {} rows", some.len());
     for (time, wrench) in some {
@@ -49,7 +47,7 @@ fn assert_within(some: &Forces, all: &Forces, at_least: usize, what: &str) {
     }
 }
 
-/// The data of `plot` and `report` for `log` between two times.
+/// Returns the data of `plot` and `report` between two times.
 fn of_library(
     folder: &Path,
     log: &str,
@@ -89,7 +87,7 @@ fn of_library(
     [of_trace(&plotted), of_trace(reported)]
 }
 
-/// The commands that show the forces of a whole log agree with `convert`, at the frames it writes.
+/// Asserts that commands that show a whole log's forces agree with `convert`, at its frames.
 fn assert_all_agree(
     folder: &Path,
     log: &str,
@@ -138,7 +136,7 @@ fn assert_all_agree(
 fn every_command_gives_the_same_forces_of_a_recording() {
     let folder = tempfile::tempdir().unwrap();
     calibration(folder.path());
-    // Frames are lost here and there; once they pause for longer than the filter remembers.
+    // Frames are lost here and there, and once for longer than the filter remembers.
     let indices = (0..3000_u64).filter(|i| i % 17 != 5 && !(900..1300).contains(i));
     fs::write(folder.path().join("raw"), stream(indices)).unwrap();
     let record = |filter: &str| {
@@ -187,7 +185,6 @@ fn rows_that_repeat_a_frame_change_no_force() {
         assert_all_agree(folder.path(), "run.txt", (enter, exit), low_pass, false);
         assert_all_agree(folder.path(), "run.txt", (enter, exit), low_pass, true);
     }
-    // The tare is the same, and so are the forces.
     let tare = |rows: &str| {
         let said = succeed(
             folder.path(),

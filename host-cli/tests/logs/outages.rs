@@ -1,4 +1,4 @@
-//! Silences of a board, from one frame to a day: what was lost and how long it took.
+//! Silences of a board, from one frame to a day: losses and duration.
 
 use std::time::Duration;
 
@@ -10,20 +10,17 @@ use shared_proto::{Boot, CHANNELS, Packet, PacketOrigin, ReceivedPacket, Sample,
 #[derive(Clone, Copy, Debug)]
 struct Outage {
     period_us: u64,
-    /// Number and clock of the first frame.
     sequence: u16,
     clock_us: u32,
-    /// Frames that arrive before the silence.
     before: u64,
     lost: u64,
-    /// Frames that the board drops during the silence.
     dropped: u8,
     /// The board's clock against the host's, in 10⁻⁶.
     drift: i64,
-    /// How late bytes arrive at the end of the silence.
+    /// Lateness of bytes at the end of the silence.
     delay_us: u64,
     live: bool,
-    /// In which frame of the silence the board starts anew.
+    /// Frame of the silence in which the board restarts.
     restart: Option<u64>,
 }
 
@@ -51,12 +48,11 @@ impl Board {
     }
 }
 
-/// A packet of one run of the board.
 fn from(start: u16, packet: Packet) -> ReceivedPacket {
     ReceivedPacket { origin: Some(PacketOrigin { board: 1, start }), packet }
 }
 
-/// The report of an outage: losses, and the time from the last frame before it to the first after.
+/// Returns losses, the time from the last frame before to the first after, and frames.
 fn told(outage: Outage) -> (Losses, u64, usize) {
     let mut board = Board { outage, reception: Reception::default(), frames: Vec::new() };
     let at = |frame: u64| frame * outage.period_us;
@@ -114,8 +110,8 @@ proptest! {
         failure_persistence: None,
         rng_seed: proptest::test_runner::RngSeed::Fixed(1), ..ProptestConfig::default() })]
 
-    // Within one turn of its clock the board gives the length, beyond that the host's time: the true length
-    // or "at least".
+    // Within a turn of its clock the board gives the length, beyond it the host: exact or "at
+    // least".
     #[test]
     fn the_length_of_a_silence_is_reported(outage in outages()) {
         let (losses, silence_us, frames) = told(outage);
@@ -131,7 +127,7 @@ proptest! {
         }
     }
 
-    // Live, the time that the board was off is frames that are missing.
+    // Live, the time that the board was off counts as missing frames.
     #[test]
     fn a_restart_in_a_silence_is_reported(outage in outages(), position in 0.0..1.0_f64) {
         let restart = (position * outage.lost as f64) as u64;
@@ -141,8 +137,8 @@ proptest! {
         prop_assert_eq!(losses.restarts, 1);
         prop_assert_eq!(losses.uncertain, u64::from(!outage.live));
         if outage.live {
-            // The new run's clock begins at 1.5 s or later; the host's clock drifts, and the first frame
-            // comes late.
+            // The new clock begins at 1.5 s or later; the host's drifts, and the first frame is
+            // late.
             let elapsed_us = (outage.lost + 1) * outage.period_us;
             let since_us = 1_500_000 + (outage.lost - restart) * outage.period_us;
             let drift_us = elapsed_us.max(since_us) / 5_000 + 10;

@@ -12,7 +12,7 @@ fn numbers(value: &serde_json::Value) -> Vec<f64> {
     value.as_array().unwrap().iter().map(|value| value.as_f64().unwrap()).collect()
 }
 
-/// A body of 0.25 kg at (10, −20, 30) mm on a sensor that does not read zero.
+/// A body of 0.25 kg at (10, −20, 30) mm on a sensor with an offset.
 fn wrench_in(gravity: [f64; 3]) -> [f64; 6] {
     let [x, y, z] = gravity.map(|g| 0.25 * g);
     let c = [0.01, -0.02, 0.03];
@@ -26,7 +26,6 @@ fn wrench_in(gravity: [f64; 3]) -> [f64; 6] {
     ]
 }
 
-/// Directions all around.
 fn directions(count: usize) -> impl Iterator<Item = [f64; 3]> {
     (0..count).map(|i| {
         let (a, b) = (0.7 * i as f64, 2.4 * i as f64);
@@ -38,7 +37,7 @@ fn join(values: &[f64]) -> String {
     values.iter().map(f64::to_string).collect::<Vec<_>>().join(",")
 }
 
-/// Least squares of numpy on the same 24 poses, `shared/data/others/README.md`: every printed digit.
+/// Least squares of numpy on the same 24 poses: every printed digit.
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
 fn a_tool_on_a_commercial_sensor_is_found_to_all_digits() {
@@ -55,14 +54,14 @@ fn a_tool_on_a_commercial_sensor_is_found_to_all_digits() {
     assert_eq!(all("moment_bias_nm", 6), ["0.432505", "-0.691553", "-0.157035"]);
     assert_eq!(digits(found["residual_rms_n"].as_f64().unwrap(), 5), "0.08649");
     assert_eq!(digits(found["residual_rms_nm"].as_f64().unwrap(), 6), "0.003018");
-    // The rotation matrices say the same with the gravity of the place. Names would find gravity first.
+    // The rotation matrices with the local gravity. Names would find gravity first.
     let by_rotation =
         format!("payload fit {} --orientation 13-21 --gravity 9.82085 --json", poses.display());
     let by_rotation = json(dir.path(), &by_rotation);
     let (a, b) = (&by_rotation["mass_kg"], &found["mass_kg"]);
     // Six digits of the matrices.
     assert!((a.as_f64().unwrap() / b.as_f64().unwrap() - 1.0).abs() < 1e-5, "{a} {b}");
-    // From accelerations alone: 2 % of scale and 0.003 g of noise are the accelerometer's.
+    // From accelerations alone: with 2 % of scale and 0.003 g of noise of the accelerometer.
     let text = fs::read_to_string(&poses).unwrap();
     let without: Vec<String> =
         text.lines().map(|line| line.split(',').take(9).collect::<Vec<_>>().join(",")).collect();
@@ -74,8 +73,8 @@ fn a_tool_on_a_commercial_sensor_is_found_to_all_digits() {
     }
 }
 
-/// A prototype left 0.20, 0.07 and 0.09 N of the forces of an arm that moves without contact, under a mean
-/// of 30 ms. A zero-phase low-pass at 20 Hz halves there what that mean halves.
+/// A prototype left 0.20, 0.07 and 0.09 N of the forces of an arm without contact, under a mean of
+/// 30 ms. A zero-phase low-pass at 20 Hz halves the same as that mean.
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
 fn weight_and_inertia_are_taken_off_a_moving_arm() {
@@ -114,7 +113,7 @@ fn weight_and_inertia_are_taken_off_a_moving_arm() {
     assert_eq!(text.lines().count(), rows);
 }
 
-/// Steps on the arm's tool, 1.3 a second and 10 N each, do not hide how late its accelerations are.
+/// Steps on the arm's tool, 1.3 a second and 10 N each, do not hide the lag of its accelerations.
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
 fn the_lag_of_a_moving_arm_is_found_under_contact() {
@@ -192,8 +191,7 @@ fn labelled_poses_are_averaged_and_set_the_standard_errors() {
     }
 }
 
-/// A shell with six sensors, in counts, on a bouncing robot: after subtracting the payload, the contact
-/// remains.
+/// Six sensors, in counts, on a bouncing robot: without the payload, the contact remains.
 #[test]
 fn convert_takes_off_a_payload_before_tare_and_low_pass() {
     let dir = tempfile::tempdir().unwrap();
@@ -218,7 +216,7 @@ fn convert_takes_off_a_payload_before_tare_and_low_pass() {
     }
     write("training.csv", training);
     succeed(dir, "fit training.csv --model linear --covariance none -o cal.json");
-    // Half a second of rest, then a swing; contact pushes with 0.3 N from 3 s to 4 s.
+    // Half a second without load, then a swing; contact pushes with 0.3 N from 3 s to 4 s.
     let mut run = "t,s1,s2,s3,s4,s5,s6,ax,ay,az\n".to_owned();
     let contact = |t: f64| if (3.0..4.0).contains(&t) { 0.3 } else { 0.0 };
     for i in 0..1500 {
@@ -250,13 +248,13 @@ fn convert_takes_off_a_payload_before_tare_and_low_pass() {
     };
     for tare in ["--tare 50", "--no-tare", "--tare-time 0:0.3"] {
         let (rows, said) = left(&format!("--payload payload.json {tare} --no-lowpass"));
-        // Half a count of each reading, once in the run and once in the fits.
+        // Half a count of each reading, in the run and in the fits.
         assert!(worst(&rows) < 2e-4, "{tare}: {}", worst(&rows));
         assert!(said.contains("weight and inertia taken off"), "{said}");
     }
     let (rows, _) = left("--no-lowpass");
     assert!(worst(&rows) > 0.5, "the swing would be there");
-    // The low-pass is linear: the load comes off before it, and the corners of contact are rounded.
+    // The low-pass is linear: the payload goes first, and the corners of contact are rounded.
     let (rows, _) = left("--payload payload.json --lowpass 10");
     let quiet: Vec<Vec<f64>> =
         rows.into_iter().filter(|row| row[0] < 2.5 || row[0] > 4.5).collect();
@@ -277,7 +275,7 @@ fn convert_takes_off_a_payload_before_tare_and_low_pass() {
     assert!((late.parse::<f64>().unwrap() - 12.5).abs() < 0.5, "{said}");
     let (rows, _) =
         left("--payload payload.json --motion motion.csv --motion-lag 0.0125 --no-lowpass");
-    // The first rows are before the start of the motion, which is reported.
+    // The first rows precede the motion, which is reported.
     assert!(worst(&rows) < 2e-4, "{}", worst(&rows));
     let said = refused(dir, "convert cal.json run.csv --motion motion.csv -o out.csv");
     assert!(said.contains("with `--payload` only"), "{said}");
@@ -327,7 +325,6 @@ fn insufficient_poses_are_refused_by_name() {
     write("counts.csv", ",ax,ay,az", &counts);
     assert!(refused(dir, "payload fit counts.csv").contains("neither m/s² nor multiples of g"));
     assert!(refused(dir, "payload fit none.csv missing.csv").contains("`missing.csv`"));
-    // A payload that knows no accelerometer.
     write("all.csv", ",gx,gy,gz", &all);
     let (_, said) = ended(dir, "payload fit all.csv -o payload.json", 0);
     assert!(said.contains("no accelerometer"), "{said}");

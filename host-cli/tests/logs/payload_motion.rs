@@ -1,4 +1,4 @@
-//! Payloads whose columns mean something else than usual, and payloads that turn.
+//! Payloads with unusual meanings of columns, and payloads that turn.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -28,13 +28,12 @@ fn wrench(force: Vector) -> [f64; 6] {
     [x + 0.3, y - 0.2, z + 0.1, mx + 0.01, my, mz - 0.02]
 }
 
-/// Angles and rotations of poses all around.
 fn poses() -> Vec<(Vector, Matrix)> {
     let angles = |i: u32| [0.9, 0.7, 0.5].map(|k| (k * f64::from(i + 1)).sin() * 2.0);
     (0..16).map(|i| (angles(i), from_roll_pitch_yaw(angles(i)))).collect()
 }
 
-/// A table of poses with noise of 1 mN, and of columns made of angles and rotation.
+/// Writes poses with noise of 1 mN, and columns made of angles and rotation.
 fn write_poses(
     path: &Path,
     columns: &str,
@@ -55,7 +54,7 @@ fn as_it_is(wrench: [f64; 6], _: &Matrix) -> [f64; 6] {
     wrench
 }
 
-/// Shepperd's formula, scalar last; poses are such that the scalar is not near zero.
+/// Shepperd's formula, scalar last, for scalars not near zero.
 fn quaternion(m: &Matrix) -> [f64; 4] {
     let w = 0.5 * (1.0 + m[0][0] + m[1][1] + m[2][2]).max(1e-12).sqrt();
     let part = |a: f64| a / (4.0 * w);
@@ -107,7 +106,7 @@ fn orientations_that_are_written_otherwise_are_read_or_named() {
         angles.to_vec()
     });
     assert!(is_right(mass("named.csv")));
-    // Columns that are not what their number says.
+    // Columns that are not what their number suggests.
     let said =
         refused(dir, "payload fit vectors.csv --orientation rx,ry,rz --orientation-as gravity");
     assert!(said.contains("gravity is") && said.contains("`--orientation-as`"), "{said}");
@@ -143,21 +142,20 @@ fn accelerations_of_either_sign_are_read_and_moments_that_do_not_follow_named() 
     assert!(!said.contains("do not follow"), "{said}");
 }
 
-/// Where an arm holds the sensor, m, and how it lies: it turns by 5 rad/s and swings.
+/// Position, m, and attitude of an arm, which turns by 5 rad/s and swings.
 fn arm(t: f64) -> (Vector, Matrix) {
     let at = [0.3 * (2.0 * t).sin(), 0.2 * (3.0 * t).cos(), 0.1 * (2.5 * t).sin()];
     (at, from_roll_pitch_yaw([0.8 * (3.1 * t).sin(), 0.6 * (2.3 * t).cos(), 5.0 * t]))
 }
 
-/// Where a point that is fixed to the sensor is, m.
+/// Position of a point fixed to the sensor, m.
 fn place(t: f64, point: Vector) -> Vector {
     let (at, rotation) = arm(t);
     let turned = times(&rotation, point);
     std::array::from_fn(|i| at[i] + turned[i])
 }
 
-/// The acceleration of such a point in the sensor's frame, less gravity, by second differences of where it is: good to
-/// 1e-6 m/s².
+/// Acceleration of such a point, less gravity, by second differences: good to 1e-6 m/s².
 fn felt(t: f64, point: Vector) -> Vector {
     const STEP_S: f64 = 1e-4;
     let [before, now, after] = [-STEP_S, 0.0, STEP_S].map(|step| place(t + step, point));
@@ -167,7 +165,7 @@ fn felt(t: f64, point: Vector) -> Vector {
     times(&transposed(&arm(t).1), less)
 }
 
-/// The angular velocity in the sensor's frame by first differences of how it lies.
+/// Angular velocity in the sensor's frame by first differences of its attitude.
 fn rates(t: f64) -> Vector {
     const STEP_S: f64 = 1e-5;
     let [before, after] = [-STEP_S, STEP_S].map(|step| arm(t + step).1);
@@ -237,7 +235,7 @@ fn inertia_of_rotation_is_removed_or_reported() {
     let (alone, said) = left("alone.csv");
     assert!(alone > 0.1, "{alone}");
     assert!(said.contains("inertia of rotation") && said.contains("N at 1 rad/s"), "{said}");
-    // Noise of 1 mN is left, and what straight lines between 100 samples a second leave of turns: 2 mN.
+    // Noise of 1 mN, and 2 mN from straight lines between 100 samples a second of turns.
     for (name, most) in [("gyroscope.csv", 0.005), ("degrees.csv", 0.005), ("rotations.csv", 0.005)]
     {
         let (left, said) = left(name);
@@ -256,7 +254,6 @@ fn a_payload_on_a_turning_arm_of_pinocchio_leaves_little_more_than_noise() {
     let folder = tempfile::tempdir().unwrap();
     let dir = folder.path();
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/logs/pinocchio");
-    // Writes the columns that are in these ranges.
     let cut = |from: &str, to: &str, ranges: &[std::ops::Range<usize>]| {
         let text = fs::read_to_string(source.join(from)).unwrap();
         let line = |line: &str| {
@@ -274,7 +271,7 @@ fn a_payload_on_a_turning_arm_of_pinocchio_leaves_little_more_than_noise() {
     let found = json(dir, "payload fit poses.csv -o payload.json --json");
     // Four standard errors of 24 poses with noise of 1 mN.
     assert!((found["mass_kg"].as_f64().unwrap() - 0.5).abs() < 1e-4, "{found}");
-    // Noise of 1 mN is left, and from orientations what differences at 100 Hz leave of the angular acceleration.
+    // Noise of 1 mN, and for orientations the differences of the angular acceleration at 100 Hz.
     for (name, ranges, most_n) in
         [("gyroscope.csv", [0..10, 10..13], 0.005), ("orientations.csv", [0..10, 13..17], 0.05)]
     {

@@ -8,7 +8,7 @@ use system_tests::program;
 
 const SENSORS: &str = "IR a,IR b,IR c,IR d,IR e,IR f,IR g,IR h";
 
-/// A log of a simulated shell in columns that nobody could know, moments in N·mm and time in ms.
+/// A log with unknown columns, moments in N·mm and time in ms.
 fn write_log(dir: &Path, name: &str, seed: u32) {
     program::run(dir, &format!("synth train --rows 400 --seed {seed} -o plain.csv"), 0);
     let text = fs::read_to_string(dir.join("plain.csv")).unwrap();
@@ -73,7 +73,7 @@ fn settings_beside_the_data_are_options_of_every_command() {
         serde_json::from_str::<Value>(&text).unwrap()["coefficients"].clone()
     };
     assert_eq!(coefficients("by_file.json"), coefficients("typed.json"));
-    // Options on the command line have precedence, and the source of each option is named.
+    // The command line has precedence, and the source of each option is named.
     let said = program::run(
         dir,
         "convert by_file.json data/test.csv -o out.csv --verbose --no-lowpass",
@@ -132,9 +132,8 @@ fn a_calibration_remembers_the_columns_that_it_was_fitted_with() {
         said.contains("`data/test.csv`: sensors, wrench, time as `cal.json` remembers"),
         "{said}"
     );
-    // Forces of N·mm read as N·m would be a thousand times theirs.
+    // N·mm read as N·m would be a thousand times as large.
     assert!(errors["all"]["errors"][3]["rms"].as_f64().unwrap() < 0.1, "{errors}");
-    // Logs with the usual names are read as they always were.
     program::run(dir, "synth train --rows 400 --seed 6 -o usual.csv", 0);
     let usual = program::json(dir, "eval cal.json usual.csv --json");
     let rms = |document: &Value| document["all"]["errors"][0]["rms"].as_f64().unwrap();

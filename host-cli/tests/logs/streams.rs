@@ -9,7 +9,6 @@ use serde_json::Value;
 use system_tests::program::{self, refused, succeed};
 use tempfile::TempDir;
 
-/// A folder with `log.csv`, of so many frames.
 fn folder(rows: usize) -> TempDir {
     let dir = tempfile::tempdir().unwrap();
     succeed(&dir, &format!("synth zero --rows {rows} -o log.csv"));
@@ -20,7 +19,6 @@ fn read(dir: &TempDir, name: &str) -> String {
     fs::read_to_string(dir.path().join(name)).unwrap()
 }
 
-/// Runs the program with its standard output in a file; returns its exit code and messages.
 #[cfg(unix)]
 fn into(dir: &Path, arguments: &str, path: &str) -> (Option<i32>, String) {
     let output = fs::OpenOptions::new().write(true).open(path).unwrap();
@@ -59,7 +57,7 @@ fn a_full_disk_ends_a_command_and_keeps_the_written_part() {
         assert_eq!(code, Some(2), "{arguments}: {said}");
         assert!(said.contains(expected), "{arguments}: {said}");
     }
-    // A file may not grow beyond 16 KiB, as on a disk that is full then.
+    // A file may not grow beyond 16 KiB, as on a full disk.
     let limit = "trap '' XFSZ; ulimit -f 32; exec \"$0\" stream log.csv --speed 1000 -o rows.csv";
     let mut run = Command::new("sh");
     run.args(["-c", limit]).arg(env!("CARGO_BIN_EXE_shellcal"));

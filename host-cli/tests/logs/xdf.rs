@@ -1,4 +1,4 @@
-//! Recordings of Lab Streaming Layer are read as logs: readings with forces from another computer.
+//! Recordings of Lab Streaming Layer as logs: readings with forces from another computer.
 
 use std::fs;
 use std::path::Path;
@@ -8,7 +8,6 @@ use system_tests::program::{python, run};
 
 use crate::recording::read_log;
 
-/// A piece of a recording.
 fn chunk(tag: u16, content: &[&[u8]]) -> Vec<u8> {
     let content = content.concat();
     let length = (content.len() + 2) as u32;
@@ -35,7 +34,8 @@ fn sample(id: u32, time_s: f64, values: &[u8]) -> Vec<u8> {
     chunk(3, &[&id.to_le_bytes(), &[1, 1, 8], &time_s.to_le_bytes(), values])
 }
 
-/// Readings at 100 Hz that pause for 4 s, and forces at 250 Hz of a computer whose clock is 3 s behind and loses 80 ppm.
+/// Readings at 100 Hz with a pause of 4 s; forces at 250 Hz, by a clock 3 s behind that loses 80
+/// ppm.
 fn recording(path: &Path) {
     let own = |time_s: f64| (time_s - 3.0) * (1.0 - 80e-6);
     let labels: Vec<(String, &str)> = (1..=8).map(|n| (format!("s{n}"), "counts")).collect();
@@ -48,7 +48,6 @@ fn recording(path: &Path) {
     bytes.extend(header(7, "shell", 100, "int16", &labels));
     bytes.extend(header(9, "reference", 250, "double64", &forces));
     for at in (0..=20).map(|n| 100.0 + 5.0 * f64::from(n)) {
-        // The offset to the other clock.
         let (own, offset) = (own(at), at - own(at));
         bytes.extend(chunk(4, &[&9_u32.to_le_bytes(), &own.to_le_bytes(), &offset.to_le_bytes()]));
         bytes.extend(chunk(4, &[&7_u32.to_le_bytes(), &at.to_le_bytes(), &0_f64.to_le_bytes()]));
@@ -74,7 +73,6 @@ fn readings_and_forces_of_two_computers_are_one_log() {
     recording(&path);
     let log = read_log(&path).unwrap();
     assert_eq!((log.rows, log.readings.len(), log.wrench.len()), (2000, 8, 6));
-    // The pause is there.
     assert!((log.time_s[900] - log.time_s[899] - 4.01).abs() < 1e-9);
     for row in [0, 899, 900, 1999] {
         let time_s = log.time_s[row];

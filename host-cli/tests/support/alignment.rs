@@ -18,7 +18,6 @@ pub(crate) const SESSION: PairSettings = PairSettings {
     noise_scale: 1.0,
 };
 
-/// Both recordings of a session of the sensor model.
 pub(crate) fn recordings(settings: PairSettings) -> (Recording, Recording) {
     let pair = Pair::new(settings).unwrap();
     let mut reference = Recording { time_s: vec![], columns: vec![vec![]; 6] };
@@ -41,14 +40,14 @@ pub(crate) fn errors(clock: &ClockMap, truth: &PairSettings) -> (f64, f64) {
     (clock.offset_s - offset_s, clock.skew - truth.skew)
 }
 
-/// The largest error of the offset from the start to the end of a session, s.
+/// Largest error of the offset within a session, s.
 pub(crate) fn worst_offset_error(aligned: &Aligned, truth: &PairSettings) -> f64 {
     let error = |t: f64| aligned.clock.offset_at_s(t) - (truth.offset_s + truth.skew * t);
     error(0.0).abs().max(error(truth.duration_s).abs())
 }
 
-/// A session of a sensor without memory: taps (squared half-sines) of random direction, length and
-/// time, a random linear map, white noise of `noise` counts.
+/// A session without memory: taps (squared half-sines) of random direction, length and time, a
+/// random linear map, white noise of `noise` counts.
 pub(crate) fn linear_session(
     seed: u64,
     duration_s: f64,
@@ -79,7 +78,6 @@ pub(crate) fn linear_session(
         std::array::from_fn(|_| std::array::from_fn(|_| 100.0 * random.normal()));
     let mut reference = Recording { time_s: vec![], columns: vec![vec![]; 6] };
     for k in 0..((duration_s + 3.0) * 1000.0) as usize {
-        // The load uses the board's time.
         let t = k as f64 / 1000.0 - 1.5;
         reference.time_s.push(t * (1.0 + skew) + offset_s);
         reference.columns.iter_mut().zip(load(t)).for_each(|(column, w)| column.push(w));

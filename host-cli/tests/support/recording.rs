@@ -1,4 +1,4 @@
-//! Shared parts of the tests of `record` and `board`: frames, files, and the program.
+//! Shared parts of the tests of `record` and `board`.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -25,7 +25,7 @@ pub fn counts(index: u64) -> [u16; 8] {
     std::array::from_fn(|c| ((index * 7919 + c as u64 * 12_553) % 65_521) as u16)
 }
 
-/// The counts as readings, in steps of the converter.
+/// In converter steps.
 pub fn readings(index: u64) -> [f64; 8] {
     counts(index).map(|counts| f64::from(counts) / 16.0)
 }
@@ -38,7 +38,7 @@ pub fn stream(indices: impl IntoIterator<Item = u64>) -> Vec<u8> {
     indices.into_iter().flat_map(frame).collect()
 }
 
-/// The log by the program's own reader: readings, and time and wrench if there are any.
+/// Reads a log by the program's own reader: readings, time and wrench.
 pub fn read_log(path: &Path) -> Result<Block, LogError> {
     let log = Log::open(path, &Mapping::default())?;
     let wanted = Wanted {
@@ -76,7 +76,6 @@ pub fn assert_rows_are(log: &Block, indices: impl IntoIterator<Item = u64>) {
     }
 }
 
-/// The column of a log under a name, as text.
 pub fn column(path: &Path, name: &str) -> Vec<String> {
     let text = fs::read_to_string(path).unwrap();
     let mut lines = text.lines();
@@ -84,7 +83,7 @@ pub fn column(path: &Path, name: &str) -> Vec<String> {
     lines.map(|line| line.split(',').nth(at).unwrap().to_owned()).collect()
 }
 
-/// A calibration of model `cubic` in `dir`, fitted to a cubic function of readings.
+/// A cubic calibration fitted to a cubic function of readings.
 pub fn calibration(dir: &Path) -> PathBuf {
     let mut text = "s1,s2,s3,s4,s5,s6,s7,s8,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm\n".to_owned();
     let mut random = Random(1);

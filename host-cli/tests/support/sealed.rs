@@ -1,8 +1,8 @@
-//! Documents that say something else than what was written, under a checksum that is right.
+//! Changed documents with a right checksum.
 
 use serde_json::Value;
 
-/// The text of a document with a checksum of its present content, as an attacker could compute it.
+/// Adds a checksum of the present content, as an attacker could.
 pub(crate) fn sealed(text: &str) -> String {
     let content = match text.rsplit_once(",\n  \"checksum\"") {
         Some((content, _)) => content,
@@ -12,7 +12,6 @@ pub(crate) fn sealed(text: &str) -> String {
     format!("{content},\n  \"checksum\": \"xxh128:{hash:032x}\"\n}}\n")
 }
 
-/// Like `sealed`, for a document as a value.
 pub(crate) fn sealed_value(document: &Value) -> String {
     let mut document = document.clone();
     document.as_object_mut().unwrap().remove("checksum");

@@ -1,4 +1,4 @@
-//! `shellcal trial` and `shellcal batch` as a user meets them: what goes wrong, and what comes out.
+//! `shellcal trial` and `shellcal batch`: errors and results.
 
 use std::fs;
 use std::path::Path;
@@ -17,7 +17,7 @@ fn said(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// A fast trial of some three seconds and its window.
+/// Writes a fast trial of some three seconds; returns its window.
 fn write_trial(path: &Path, seed: u64, layout: TrialLayout, missing: f64) -> [f64; 2] {
     let condition = ChannelForces { specific_resistance: 15.0, ..ChannelForces::PAPER[4] };
     let settings = TrialSettings { missing, ..TrialSettings::new(condition, seed) };
@@ -26,7 +26,7 @@ fn write_trial(path: &Path, seed: u64, layout: TrialLayout, missing: f64) -> [f6
     trial.window_s
 }
 
-/// A folder with a calibration, and logs `1.txt` to `N.txt`; the windows.
+/// A calibration, and logs `1.txt` to `N.txt`; returns the windows.
 fn folder(logs: u64) -> (tempfile::TempDir, Vec<[f64; 2]>) {
     let dir = tempfile::tempdir().unwrap();
     let train = fs::canonicalize(CALIBRATION).unwrap();
@@ -46,7 +46,7 @@ fn batch(dir: &Path, rows: &str, arguments: &str) -> Output {
     program::output(dir, &format!("batch m.csv {arguments}"))
 }
 
-/// Changes every row of a log: `change` is given the fields and the number of the row, from 0.
+/// Changes every row of a log, by its fields and its number from 0.
 fn rewrite(dir: &Path, from: &str, to: &str, change: impl Fn(usize, &mut Vec<String>)) {
     let text = fs::read_to_string(dir.join(from)).unwrap();
     let mut row = 0;
@@ -70,7 +70,7 @@ fn shares_of_a_manifest_are_the_whole_one_after_the_other() {
         let [enter, exit] = windows[log - 1];
         format!("{log}.txt,{condition},{enter},{exit}\n")
     };
-    // The last trial overlaps the first one, which another share has.
+    // The last trial overlaps the first, which another share has.
     let rows = [row(1, "a"), row(2, "b"), "none.txt,b,1,2\n".to_owned(), row(3, "a"), row(1, "b")];
     let options = "--calibration cal.json --csv";
     let whole = batch(dir, &rows.concat(), &format!("{options} whole"));
@@ -126,7 +126,6 @@ fn a_bad_trial_is_reported_with_its_position_and_the_others_are_finished() {
         fs::copy(dir.join("1.txt"), dir.join(copy)).unwrap();
     }
     let (early, late) = (enter + 0.1, exit - 0.1);
-    // Lines of the manifest from line 2 on, and the messages about them.
     let cases = [
         (format!("1.txt,x,{enter},{exit}"), None),
         (
@@ -265,7 +264,6 @@ fn missing_columns_of_a_log_are_left_out_and_reported() {
     ] {
         assert!(said.contains(message), "{message}: {said}");
     }
-    // The same columns give the same numbers.
     assert_eq!(trials[1]["electrical_energy_j"], trials[0]["electrical_energy_j"]);
     assert_eq!(trials[3]["drag_energy_j"], trials[0]["drag_energy_j"]);
 }
@@ -283,8 +281,8 @@ fn results_by_time_hardly_change_with_a_tenth_of_the_rows_missing() {
     let value = |trial: usize, key: &str| document["trials"][trial][key].as_f64().unwrap();
     assert_eq!(value(0, "strides"), value(1, "strides"));
     for key in ["drag_mean_n", "electrical_energy_j", "specific_resistance"] {
-        // Power jumps from row to row as the controller does, by as much as it is: what 200 of 2000
-        // rows are not there to say is 1/√200 of that, times the share of them.
+        // Power jumps from row to row by as much as itself: without 200 of 2000 rows it errs by
+        // 1/√200 of that, times their share.
         let ratio = value(1, key) / value(0, key);
         assert!((ratio - 1.0).abs() < 0.01, "{key}: {ratio}");
     }
@@ -330,7 +328,7 @@ fn results_are_the_same_bytes_for_any_number_of_threads() {
     assert_eq!(files, ["1.txt", "2.txt", "3.txt", "4.txt", "5.txt", "6.txt"]);
 }
 
-/// Compares the tables of Parquet with those of CSV, in the packages that people use.
+/// Compares the tables of Parquet with those of CSV, in common packages.
 const CHECK: &str = r#"
 import csv, polars, pyarrow.parquet
 for name in ["trials", "strides", "conditions"]:
@@ -400,7 +398,7 @@ fn statistics_of_a_table_are_printed_for_every_column() {
     assert!(said(&output).contains("did you mean `a`?"));
 }
 
-/// Every remark of a document with this code: the number that its text begins with.
+/// The numbers at the start of a document's remarks with this code, added up.
 fn remarked(document: &Value, code: &str) -> u64 {
     let own = match document.get("code").and_then(Value::as_str) {
         Some(found) if found == code => {
@@ -431,7 +429,6 @@ fn the_report_names_the_rows_whose_readings_cannot_be_trusted() {
     let time_us = |line: &String| line.split(',').next()?.parse::<u64>().ok();
     let at = lines.iter().position(|line| time_us(line) > Some(3_000_000)).unwrap();
     let mut fields: Vec<String> = lines[at].split(',').map(str::to_owned).collect();
-    // The last eight columns are the sensors.
     let third = fields.len() - 6;
     fields[third] = "4095".to_owned();
     let time_s = time_us(&lines[at]).unwrap() as f64 / 1e6;
@@ -448,13 +445,11 @@ fn the_report_names_the_rows_whose_readings_cannot_be_trusted() {
         .find(|row| row.contains(&what))
         .unwrap_or_else(|| panic!("{section}"));
     assert!(row.contains("free-1.txt") && row.contains(&(at + 1).to_string()), "{row}");
-    // As many as the remarks on the same trials count: readings at the end of the converter are out of range,
-    // too.
+    // As many as the remarks count: readings at the end of the converter are out of range, too.
     let document = program::json(dir, "batch trials/manifest.csv --calibration cal.json --json");
     assert_eq!(remarked(&document, "saturated"), 1);
     let counted = format!("{} frames in the windows", remarked(&document, "out_of_range"));
     assert!(section.contains(&counted), "{counted}: {section}");
-    // Without forces there is nothing to trust.
     program::run(dir, "report trials/manifest.csv -o energies.html", 0);
     let page = fs::read_to_string(dir.join("energies.html")).unwrap();
     assert!(!page.contains("id=\"doubtful\""));

@@ -4,12 +4,11 @@ use std::collections::{BTreeSet, HashMap};
 use std::fs;
 use std::path::{Component, Path, PathBuf};
 
-/// The root of the repository.
 pub fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap()
 }
 
-/// The pages below a folder of the repository, their paths from its root.
+/// The pages below a folder, by their paths from the repository's root.
 pub fn pages(folder: &Path) -> Vec<PathBuf> {
     let mut pages = Vec::new();
     for entry in fs::read_dir(root().join(folder)).unwrap() {
@@ -29,7 +28,6 @@ pub fn pages(folder: &Path) -> Vec<PathBuf> {
     pages
 }
 
-/// A page without its blocks of code.
 fn prose(text: &str) -> String {
     let mut in_code = false;
     let is_prose = |line: &&str| {
@@ -40,7 +38,6 @@ fn prose(text: &str) -> String {
     text.lines().filter(is_prose).collect::<Vec<_>>().join("\n")
 }
 
-/// The places that a page links to within the repository.
 fn links(text: &str) -> Vec<String> {
     // Text between backticks is not a link.
     let plain: String = prose(text).split('`').step_by(2).collect::<Vec<_>>().join("`");
@@ -128,7 +125,6 @@ fn every_page_of_the_documentation_is_a_chapter_and_every_chapter_is_there() {
     assert_eq!(once.into_iter().find(|chapter| !root().join(chapter).is_file()), None);
 }
 
-/// The screen of the live view in the book equals the screen in its tests.
 #[test]
 fn the_screen_in_the_book_equals_that_of_the_live_view() {
     let page = fs::read_to_string(root().join("docs/board.md")).unwrap();

@@ -1,4 +1,4 @@
-//! `install.sh` in an empty home, with only the tools on the path that it names.
+//! `install.sh` in an empty home, with only the tools that it names.
 
 use std::fs;
 use std::os::unix::fs::symlink;
@@ -7,7 +7,7 @@ use std::process::{Command, Output};
 
 use super::book::root;
 
-/// Tools that the script runs: those of POSIX, and the ones that its head names.
+/// Tools of POSIX, and those that the script's head names.
 const TOOLS: [&str; 14] = [
     "sh",
     "uname",
@@ -31,7 +31,6 @@ struct Machine {
 }
 
 impl Machine {
-    /// With a release of the program that is tested.
     fn new() -> Self {
         let machine = Self { folder: tempfile::tempdir().unwrap() };
         for folder in ["home", "tools", "release"] {
@@ -52,7 +51,7 @@ impl Machine {
         for folder in ["completions", "man"] {
             fs::create_dir_all(staged.join(folder)).unwrap();
         }
-        // A link to the program is as good as a copy, which is large.
+        // A copy of the program is large.
         let program = Path::new(env!("CARGO_BIN_EXE_shellcal"));
         let script = format!("#!/bin/sh\nexec '{}' \"$@\"\n", program.display());
         let runs = staged.join("shellcal");
@@ -79,13 +78,11 @@ impl Machine {
         self.folder.path().join(name)
     }
 
-    /// Runs a line of shell beside the release; it must succeed.
     fn sh(&self, line: &str) {
         let status = Command::new("sh").args(["-c", line]).current_dir(self.folder.path()).status();
         assert!(status.unwrap().success(), "{line}");
     }
 
-    /// Runs the script with nothing in its environment.
     fn install(&self) -> Output {
         Command::new("/bin/sh")
             .arg(root().join("install.sh"))
@@ -97,7 +94,7 @@ impl Machine {
             .unwrap()
     }
 
-    /// Runs the script, which must fail, and leave nothing behind.
+    /// The script must fail, and leave nothing behind.
     fn refuses(&self) -> String {
         let output = self.install();
         assert_eq!(output.status.code(), Some(1));

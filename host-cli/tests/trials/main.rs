@@ -1,7 +1,6 @@
-//! Tests of trials, simulations and the documents that show them; one module for each subject.
+//! Tests of trials, simulations and their documents.
 //!
-//! Tests on real recordings are ignored where `SHELLCAL_REAL_DATA` does not name their directory
-//! when the tests are built; see `build.rs`.
+//! Without `SHELLCAL_REAL_DATA` at build time, tests on real recordings are ignored (`build.rs`).
 
 #![allow(
     clippy::unwrap_used,

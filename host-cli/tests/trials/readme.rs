@@ -5,10 +5,9 @@ use std::path::{Path, PathBuf};
 
 use super::book::{pages, root};
 
-/// Its commands build on one another, and one runs in parallel with others; a separate test runs them.
+/// Its commands build on one another, and one runs in parallel; a separate test runs them.
 const TUTORIAL: &str = "docs/tutorial.md";
 
-/// The pages with console blocks.
 fn console_pages() -> Vec<PathBuf> {
     let pages = [PathBuf::from("README.md")].into_iter().chain(pages(Path::new("docs")));
     let has_console = |page: &PathBuf| {
@@ -18,7 +17,7 @@ fn console_pages() -> Vec<PathBuf> {
     pages.filter(has_console).collect()
 }
 
-/// Each page runs in a separate folder with the shipped data, because the commands write files there.
+/// Each page runs in a separate folder with the shipped data, because the commands write files.
 #[test]
 fn the_console_blocks_of_the_pages_give_their_output() {
     let root = root();
@@ -29,7 +28,7 @@ fn the_console_blocks_of_the_pages_give_their_output() {
     for page in pages {
         let name = page.display().to_string().replace('/', "-");
         fs::copy(root.join(&page), folder.path().join(&name)).unwrap();
-        // The folder beside a document that trycmd runs its commands in.
+        // trycmd runs a document's commands in the folder beside it.
         let stem = name.strip_suffix(".md").unwrap();
         let data = folder.path().join(format!("{stem}.in/calibration-data"));
         fs::create_dir_all(&data).unwrap();

@@ -1,4 +1,4 @@
-//! The program as a shell has it: its greeting, forms of tables, colour.
+//! The program in a shell: its greeting, forms of tables, colour.
 
 use std::path::Path;
 
@@ -26,7 +26,6 @@ fn a_call_without_arguments_prints_first_steps() {
     assert!(text.lines().all(|line| line.chars().count() <= 80), "{text}");
 }
 
-/// The table of the shipped calibration, in each of its forms.
 #[test]
 fn tables_are_printed_as_they_are_asked_for() {
     let dir = tempfile::tempdir().unwrap();
@@ -34,7 +33,7 @@ fn tables_are_printed_as_they_are_asked_for() {
     let fit = format!("fit --model cubic {}", data.join("synthetic-train.csv").display());
     let output = program::output(dir.path(), &format!("{fit} --as csv"));
     assert!(output.status.success());
-    // Only the table, by an independent reader; other tests check the rest.
+    // By an independent reader.
     let mut reader = csv::Reader::from_reader(&output.stdout[..]);
     let header: Vec<String> = reader.headers().unwrap().iter().map(str::to_owned).collect();
     assert_eq!(header[..2], ["axis", "error on training rows"]);

@@ -1,6 +1,4 @@
-//! `shellcal simulate` as a user runs it.
-//!
-//! Expected figures are from the reference solution in 40-digit arithmetic of
+//! `shellcal simulate`, against the reference solution in 40-digit arithmetic of
 //! `beam-channel/tests/it/reference.rs`.
 
 use std::fs;
@@ -14,7 +12,6 @@ const MEANS: [f64; 3] = [0.108734173433852, 0.21708288510962, 0.305874279216731]
 /// Fifteen digits were printed; ten roundings lie within this.
 const RELATIVE: f64 = 1e-12;
 
-/// Runs `simulate`; its output and its messages.
 fn simulate(dir: &Path, arguments: &str) -> (String, String) {
     ended(dir, &format!("simulate {arguments}"), 0)
 }
@@ -43,7 +40,7 @@ fn the_papers_channels_have_the_reference_drags() {
     assert_close(&document["torsional_stiffness_nm_rad"], 8.48e-4);
 }
 
-/// Means from the elastica's equation, shot at the tip's position by SciPy 1.17.1 (three digits were kept).
+/// The elastica's equation, shot at the tip's position by SciPy 1.17.1 (three digits were kept).
 #[test]
 fn clamped_beams_have_the_drags_of_the_elastica() {
     let document = json("--beam clamped");
@@ -55,7 +52,7 @@ fn clamped_beams_have_the_drags_of_the_elastica() {
     }
 }
 
-/// By shooting with SciPy 1.17.1, and chains of twelve hinges in MuJoCo 4.0.0: 0.2725 and 0.869 N.
+/// Shooting with SciPy 1.17.1, and chains of twelve hinges in MuJoCo 4.0.0: 0.2725 and 0.869 N.
 #[test]
 fn plates_also_touch_with_their_faces_and_jam_a_body_that_reaches_past_their_bases() {
     let document = json("--beam plate --deflection 1cm,2cm");

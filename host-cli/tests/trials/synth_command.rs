@@ -1,4 +1,4 @@
-//! `shellcal synth` as a user runs it, and the data sets that it ships.
+//! `shellcal synth`, and the data sets that it ships.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -21,7 +21,6 @@ fn shipped() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../calibration-data")
 }
 
-/// The lines of the README's code blocks that are commands.
 fn shipped_commands() -> Vec<Vec<String>> {
     let readme = fs::read_to_string(shipped().join("README.md")).expect("a README");
     let lines = readme.lines().filter_map(|line| line.trim().strip_prefix("shellcal synth "));

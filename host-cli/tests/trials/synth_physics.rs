@@ -1,4 +1,4 @@
-//! The sensor model against what physics, statistics and the paper say.
+//! The sensor model against physics, statistics and the paper.
 
 use faer::Mat;
 use faer::linalg::solvers::SolveLstsq;
@@ -7,7 +7,7 @@ use simulation::sensor_model::{
     SensorRecording, SensorSample, SimulatedFrame,
 };
 
-/// The drawing without noise, drift, creep and hysteresis, at 16 bits.
+/// The nominal unit without noise, drift, creep and hysteresis, at 16 bits.
 fn ideal() -> SensorParameters {
     let mut drawing = SensorParameters::nominal();
     drawing.scale_noise(0.0);
@@ -256,7 +256,6 @@ fn channels_lie_on_the_board_and_every_gap_can_open_and_close() {
     }
 }
 
-/// Cubic features with an intercept, and the wrench.
 fn problem(kind: RecordingKind, rows: usize) -> (Mat<f64>, Mat<f64>) {
     let samples: Vec<SensorSample> = SensorRecording::new(RecordingSettings::new(kind))
         .expect("a recording")

@@ -1,4 +1,4 @@
-//! `synth trial`, `trial --find-window`, `plot`, `report` and `batch --figures` as a user runs them.
+//! `synth trial`, `trial --find-window`, `plot`, `report` and `batch --figures`.
 use std::fs;
 use std::path::Path;
 use std::process::Output;
@@ -12,7 +12,6 @@ fn shellcal(folder: &Path, arguments: &[&str]) -> Output {
     program::command(folder).args(arguments).output().unwrap()
 }
 
-/// Runs a command that must end with this exit code; returns its output and messages.
 fn run(folder: &Path, arguments: &[&str], code: i32) -> (String, String) {
     let output = shellcal(folder, arguments);
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
@@ -26,7 +25,7 @@ fn json(folder: &Path, arguments: &[&str]) -> Value {
     serde_json::from_str(&printed).unwrap()
 }
 
-/// A calibration of the unit that trials are made with, and two trials of each condition.
+/// A calibration of the trials' unit, and two trials of each condition.
 fn set() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
@@ -102,8 +101,7 @@ fn the_example_set_goes_through_a_batch_to_its_truth() {
         assert_eq!(trial["condition"], truth["settings"]["condition"]["name"]);
         let ratio =
             |name: &str| trial[name].as_f64().unwrap() / truth[name].as_f64().unwrap() - 1.0;
-        // Noise of the motors' telemetry averages out over 6,000 rows; g is 9.81 in the one and
-        // 9.80665 m/s² in the other.
+        // Noise of the telemetry averages out over 6,000 rows; g is 9.81 against 9.80665 m/s².
         assert!(ratio("specific_resistance").abs() < 0.005);
         assert!(ratio("electrical_energy_j").abs() < 0.005);
         let strides = truth["strides"].as_array().unwrap().len();
@@ -126,7 +124,6 @@ fn a_window_is_proposed_drawn_or_refused() {
     for time in [enter, exit] {
         assert!(svg.contains(&format!(">{:.3} s<", time.as_f64().unwrap())), "{time}");
     }
-    // `auto` in a manifest is the same.
     fs::write(
         path.join("auto.csv"),
         "file,condition,t_enter_s,t_exit_s\nset/3cm-1.txt,3 cm,auto,auto\n",
@@ -199,7 +196,6 @@ fn every_kind_of_figure_is_drawn_as_svg_and_png() {
 fn a_batch_draws_all_of_its_figures() {
     let folder = set();
     let path = folder.path();
-    // One bad trial more: the others are drawn.
     let manifest = fs::read_to_string(path.join("set/manifest.csv")).unwrap();
     fs::write(path.join("set/manifest.csv"), manifest + "gone.txt,free,1,2\n").unwrap();
     let with = |more: &[&'static str]| {
@@ -215,8 +211,8 @@ fn a_batch_draws_all_of_its_figures() {
     for name in ["boxes.svg", "phase.svg", "3cm-2.11.drag.svg", "3cm-2.11.telemetry.svg"] {
         assert!(names.iter().any(|found| found == name), "{name} in {names:?}");
     }
-    // Traces cover the windows, though figures show the whole log. They differ by the rounding of a filter
-    // that starts elsewhere, some 1e-15 N.
+    // Traces cover the windows, though figures show the whole log. They differ by the rounding of a
+    // filter that starts elsewhere, some 1e-15 N.
     run(path, &with(&["--traces", "alone"]), 1);
     for name in ["free-1.2.csv", "3cm-2.11.csv"] {
         let read = |folder: &str| -> Vec<Vec<f64>> {
@@ -292,11 +288,10 @@ fn a_real_trial_is_drawn_and_its_unclear_window_refused() {
     fs::write(path.join("manifest.csv"), manifest).unwrap();
     run(path, &[&["report", "manifest.csv"], &with[..]].concat(), 0);
     let html = fs::read_to_string(path.join("report.html")).unwrap();
-    // Rows are missing, and repeated rows are reported.
     assert!(html.contains("rows are missing") && html.contains("duplicates of the previous frame"));
 }
 
-/// 89 and 183 mm, in each format by what that says of its size.
+/// 89 and 183 mm, by each format's statement of its size.
 #[test]
 fn figures_are_as_wide_as_the_columns_of_a_paper() {
     let dir = tempfile::tempdir().unwrap();
@@ -327,7 +322,7 @@ fn figures_are_as_wide_as_the_columns_of_a_paper() {
             let svg = fs::read_to_string(dir.join(format!("{name}.svg"))).unwrap();
             let head = svg.lines().next().unwrap();
             assert!(head.contains(&format!(" width=\"{width_mm}mm\"")), "{name}: {head}");
-            // Letters are text, in letters as large as they are drawn.
+            // Letters are text, as large as they are drawn.
             assert!(svg.contains("<text "), "{name}");
         }
         // 72 points to the inch; written to a hundredth.

@@ -1,4 +1,4 @@
-//! Trials of robots that are not the paper's: their profiles, and where their power comes from.
+//! Trials of other robots: their profiles, and the sources of their power.
 
 use std::fs;
 use std::path::Path;
@@ -6,7 +6,6 @@ use std::path::Path;
 use serde_json::Value;
 use system_tests::program;
 
-/// A log of 3 s at 100 Hz with the columns `names`, of the values `row` at each time.
 fn write_log(dir: &Path, names: &str, row: impl Fn(f64) -> String) {
     let rows = (0..=300).map(|at| {
         let time_s = f64::from(at) / 100.0;

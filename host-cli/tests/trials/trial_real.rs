@@ -1,5 +1,4 @@
-//! A trial of the real robot against the formulas written out plainly, and the published tables,
-//! where this machine has them.
+//! A trial of the real robot against the formulas written out plainly, and the published tables.
 
 use std::f64::consts::{PI, TAU};
 use std::fs;
@@ -16,10 +15,10 @@ use trial::{Instrument, Profile, TraceExtent, Trial, TrialOptions, TrialResult, 
 const TRIAL: &str =
     "skinproc/velociroach_s=10cm_w=5.5cm_h=27cm_layer=3_ply=6_f=13Hz_beetleshell_run3.txt";
 const MATRIX: &str = "skinproc/N_matrix_trial9.csv";
-/// A window amid the run, its ends between rows.
+/// Its ends are between rows.
 const WINDOW: (f64, f64) = (3.0004, 7.5007);
 
-/// The log and the matrix as numbers, read by independent code.
+/// Log and matrix, read by independent code.
 struct Plain {
     rows: Vec<Vec<f64>>,
     matrix: Vec<Vec<f64>>,
@@ -52,7 +51,6 @@ impl Plain {
         row == 0 || self.rows[row][16..24] != self.rows[row - 1][16..24]
     }
 
-    /// Power of both motors at every row, W.
     fn power(&self) -> Vec<f64> {
         let of_row = |row: &Vec<f64>| {
             let battery = row[15] * 3.3 / 1023.0 * 3.7 / 2.7;
@@ -128,7 +126,7 @@ fn evaluate(log: &Path, calibration: &Path, options: &TrialOptions) -> TrialResu
 
 fn assert_near(found: Option<f64>, expected: f64, what: &str) {
     let found = found.unwrap();
-    // Nine digits, as both sides round differently: the cubic terms reach some 10 N before they cancel.
+    // Nine digits: the cubic terms reach some 10 N before they cancel, with other rounding.
     assert!(
         (found - expected).abs() < 1e-9 * expected.abs().max(1.0),
         "{what}: {found} {expected}"
@@ -248,8 +246,8 @@ fn strides_are_found_at_the_commanded_thirteen_hertz() {
         .collect();
     let whole = turns[turns.len() - 1].floor() - turns[0].ceil();
     assert_eq!(result.row.strides, Some(whole as u64));
-    // The commanded 13 Hz are 13.145 turns in a second of the clock that the log shows, by the column
-    // of commanded positions; the leg lags behind those by less than a quarter of a turn.
+    // The commanded 13 Hz are 13.145 turns in a second of the log's clock, by the column of
+    // commanded positions; the leg lags behind by less than a quarter of a turn.
     let commanded: Vec<(f64, f64)> = (plain.rows.iter().zip(plain.time()))
         .filter(|(_, time)| WINDOW.0 <= *time && *time <= WINDOW.1)
         .map(|(row, time)| (time, row[3] * 95.8738e-6 / TAU))
@@ -285,11 +283,10 @@ fn a_tare_with_motion_warns_and_one_without_does_not() {
     assert!(!moving(&evaluate(&log, &matrix, &quiet)));
 }
 
-/// A condition, its mean in the paper, and how far that may be rounded.
 type Mean = (&'static str, f64, f64);
 
-/// `numpy.mean`, `numpy.percentile` and `matplotlib.cbook.boxplot_stats` of the published tables are
-/// computed here by definition: sort, and interpolate at rank (n − 1)·p.
+/// `numpy.mean`, `numpy.percentile` and `matplotlib.cbook.boxplot_stats` of the published tables by
+/// definition: sort, and interpolate at rank (n − 1)·p.
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
 fn published_tables_have_the_paper_s_means_and_their_box_plots() {

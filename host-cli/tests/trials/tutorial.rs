@@ -1,4 +1,4 @@
-//! The tutorial, from nothing to the report, by its own commands in a shell.
+//! The tutorial, by its own commands in a shell.
 
 use std::fs;
 use std::io::{BufRead, BufReader};
@@ -9,13 +9,12 @@ use system_tests::program::{Recording, Running};
 
 use super::book::root;
 
-/// A command of a page, and its expected output.
 struct Step {
     command: String,
     expected: Vec<String>,
 }
 
-/// The commands of the console blocks of a page: `$ ` begins one, `> ` continues it.
+/// The commands of a page's console blocks: `$ ` begins one, `> ` continues it.
 fn steps(page: &str) -> Vec<Step> {
     let mut steps: Vec<Step> = Vec::new();
     let mut in_console = false;
@@ -39,7 +38,7 @@ fn steps(page: &str) -> Vec<Step> {
     steps
 }
 
-/// True if a line is as expected; `[..]` matches anything.
+/// `[..]` matches anything.
 fn is_like(line: &str, expected: &str) -> bool {
     let mut parts = expected.split("[..]");
     let first = parts.next().unwrap();
@@ -55,7 +54,7 @@ fn is_like(line: &str, expected: &str) -> bool {
     rest.is_empty()
 }
 
-/// True if lines are as expected; `...` matches any number of lines.
+/// `...` matches any number of lines.
 fn are_like(lines: &[&str], expected: &[String]) -> bool {
     match expected.split_first() {
         None => lines.is_empty(),
@@ -68,7 +67,6 @@ fn are_like(lines: &[&str], expected: &[String]) -> bool {
     }
 }
 
-/// A shell in a folder, with the program on its path.
 fn shell(folder: &Path, command: &str) -> Command {
     let program = Path::new(env!("CARGO_BIN_EXE_shellcal")).parent().unwrap();
     let path = format!("{}:{}", program.display(), std::env::var("PATH").unwrap());
@@ -87,7 +85,7 @@ fn the_tutorial_leads_from_nothing_to_the_report() {
     assert!(steps.len() > 15, "{}", steps.len());
     for Step { command, expected } in steps {
         if let Some(command) = command.strip_suffix(" &") {
-            // `exec`, so that it is the program itself that is ended.
+            // `exec`, so that the program itself is ended.
             let mut shell = shell(folder, &format!("exec {command}"));
             let mut child = Running(shell.stdout(Stdio::piped()).spawn().unwrap());
             let mut first = String::new();
@@ -139,7 +137,7 @@ fn the_tutorial_leads_from_nothing_to_the_report() {
     assert!(columns > 100, "{columns}");
 }
 
-/// The names of a column in the reference: its own, or with the ends of its row.
+/// Names of a column in the reference: its own, or with the ends of its row.
 fn named(column: &str) -> Vec<String> {
     let first = |prefix: &str| {
         let number = column.strip_prefix(prefix).and_then(|rest| rest.parse::<u8>().ok());

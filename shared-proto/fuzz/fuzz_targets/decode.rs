@@ -1,7 +1,6 @@
-//! Feeds arbitrary bytes, cut anywhere, into every decoder.
+//! Feeds arbitrary bytes, cut as the first byte selects, into every decoder.
 //!
-//! The first byte selects the cuts. Besides the absence of panics, the target checks that cutting does not
-//! change the events, and that decoded packets survive another round trip.
+//! Cuts must not change the events, and decoded packets must survive another round trip.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

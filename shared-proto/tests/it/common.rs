@@ -7,7 +7,6 @@ use shared_proto::{
     MAX_PIECE, Packet, Piece, Refusal, ResetCause, Sample, Status, Stream, Timing, Values, Vitals,
 };
 
-/// Returns the bytes of a packet as the host receives them.
 pub fn on_the_wire(packet: &Packet, framing: Framing) -> Vec<u8> {
     let payload = packet.encode();
     match framing {
@@ -152,7 +151,6 @@ fn any_health() -> impl Strategy<Value = Health> {
     let vitals = any::<(Option<i16>, Option<u16>, Option<u16>)>();
     (any::<(u16, u32, u16, u16)>(), vitals, any::<[u16; 8]>()).prop_map(
         |((sequence, clock_us, first_us, step_us), (temperature, supply, reference), dark)| {
-            // Excludes the codes for unknown values.
             let vitals = Vitals {
                 temperature_cdeg: temperature.filter(|&it| it != i16::MIN),
                 supply_mv: supply.filter(|&it| it != 0),

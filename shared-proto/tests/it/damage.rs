@@ -22,8 +22,8 @@ fn crc(content: &[u8]) -> u16 {
     })
 }
 
-/// Returns the effect of a flipped bit on the difference between the computed and the received CRC, for every
-/// bit of a packet of `content` bytes and a CRC. By linearity it does not depend on the content.
+/// Returns, for every bit of a packet, the effect of flipping it on computed minus received CRC,
+/// which by linearity does not depend on the content.
 fn syndromes(content: usize) -> Vec<u16> {
     let zero = crc(&vec![0; content]);
     let mut syndromes: Vec<u16> = (0..8 * content)
@@ -37,8 +37,7 @@ fn syndromes(content: usize) -> Vec<u16> {
     syndromes
 }
 
-// The CRC covers the bytes as sent, including the mask. An error of up to four bits is undetected only if the
-// syndromes of two sets of at most two bits are equal; all of them differ.
+// Up to four bits are undetected only if the syndromes of two sets of at most two are equal.
 #[test]
 fn every_error_of_up_to_four_bits_in_a_sample_of_readings_is_found() {
     let packet = sample(&mut Random(1)).encode();
@@ -56,8 +55,7 @@ fn every_error_of_up_to_four_bits_in_a_sample_of_readings_is_found() {
     }
 }
 
-// Flips bits of the frame as sent. Its first byte is the COBS code, and a flipped bit can turn version 3 into
-// version 2, which has a different CRC.
+// The first byte is the COBS code; a bit can turn version 3 into version 2, with another CRC.
 #[test]
 fn no_error_of_up_to_three_bits_of_a_frame_passes_as_another_packet() {
     let sent = sample(&mut Random(5));
@@ -68,7 +66,7 @@ fn no_error_of_up_to_three_bits_of_a_frame_passes_as_another_packet() {
     let mut passed = 0;
     for first in 0..bits {
         for second in first..bits {
-            // Every seventh third bit, with a different phase for each pair of the others.
+            // Every seventh third bit, with a different phase for each pair.
             for third in (second + (first + second) % 7..bits).step_by(7) {
                 let mut damaged = body.to_vec();
                 [first, second, third].into_iter().for_each(|bit| flip(&mut damaged, bit));
@@ -80,8 +78,8 @@ fn no_error_of_up_to_three_bits_of_a_frame_passes_as_another_packet() {
     assert_eq!(passed, 0);
 }
 
-// Two to thirty bytes are replaced, so the CRC is effectively random: it misses 1 in 65,536. Over a million
-// frames that is 15.3 ± 3.9; six standard deviations above are 39.
+// Two to thirty replaced bytes make the CRC random: it misses 1 in 65,536, 15.3 ± 3.9 of a million
+// frames; six standard deviations above are 39.
 #[test]
 fn of_frames_damaged_beyond_recognition_no_more_pass_than_the_crc_allows() {
     let mut random = Random(1);
@@ -124,9 +122,8 @@ fn ten_million_random_strings_do_no_harm() {
             None => original.feed(&string[..len], |_| events += 1),
         }
     }
-    // Only accidental matches of the CRC: 10⁷ strings have about 10⁷ delimiters, one piece in 256 has a
-    // matching length and header, one in 65,536 of those a matching CRC.
+    // One piece in 256 has a matching length and header, one in 65,536 of those a matching CRC.
     assert!(events < 100, "{events}");
-    // A decoder stores all its state inline: it cannot grow.
+    // All state is inline: a decoder cannot grow.
     assert!(size_of::<Decoder>() <= 640);
 }

@@ -1,7 +1,7 @@
 //! The wire format, pinned by literal bytes.
 //!
-//! The bytes were produced by a program in another language, written from the README (bitwise CRC, frames
-//! built field by field), independently of this crate. The README shows them, too.
+//! A program in another language, written from the README, produced the bytes (bitwise CRC, frames
+//! built field by field). The README shows them, too.
 
 use shared_proto::xbee::{Address, ApiFrame, Mode};
 use shared_proto::{
@@ -14,7 +14,6 @@ fn bytes(hex: &str) -> Vec<u8> {
     hex.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).expect("hex")).collect()
 }
 
-/// The board with [`SERIAL`], in an arbitrary run.
 const ORIGIN: PacketOrigin = PacketOrigin { board: 0xC655, start: 0x2A17 };
 
 fn received(packet: Packet) -> ReceivedPacket {
@@ -35,14 +34,13 @@ fn readings() -> Packet {
 const READINGS: &str = "04 01 35 03 1d 54 c7 16 2b 41 43 0e 01 91 7b b1 85 21 92 e1 9f d1 91 21 83 51 83 \
              81 8b 01 01 e1 25 00";
 
-/// A command for every board.
 fn command(command: Command) -> Packet {
     Packet::Command { number: 7, to: None, command }
 }
 
 const SERIAL: [u8; 12] = [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12];
 
-/// A command for the board with this serial number, whose CRC-32 is 0x925FC655.
+/// A command for the board whose serial number has the CRC-32 0x925FC655.
 fn addressed(command: Command) -> Packet {
     Packet::Command { number: 7, to: Some(BoardId::from_serial(&SERIAL)), command }
 }

@@ -1,5 +1,3 @@
-//! The tests of the protocol, one module per subject.
-
 #![allow(unreachable_pub, reason = "modules of a test have no outside")]
 
 mod common;

@@ -1,4 +1,4 @@
-//! Decoding does not depend on the way a stream is cut, and damage affects only the packets that it hits.
+//! Decoding does not depend on cuts, and damage affects only the packets that it hits.
 
 use proptest::prelude::*;
 use shared_proto::{Decoder, Event, Framing, MAX_FRAME, Packet, ReceivedPacket};
@@ -16,7 +16,7 @@ fn packets(decoder: &mut Decoder, bytes: &[u8]) -> Vec<Packet> {
     decode(decoder, bytes).iter().map(packet).collect()
 }
 
-/// Encodes packets, since a NaN in a wrench differs from itself.
+/// Compares bytes, since a NaN in a wrench differs from itself.
 fn encoded(packets: &[Packet]) -> Vec<Vec<u8>> {
     packets.iter().map(|packet| packet.encode().to_vec()).collect()
 }
@@ -61,7 +61,7 @@ proptest! {
             damaged.concat().chunks(piece).flat_map(|bytes| packets(&mut decoder, bytes)).collect();
         prop_assert_eq!(encoded(&received), encoded(&[sent[0], sent[2]]));
         let counters = decoder.counters;
-        // A byte that becomes a delimiter splits the packet in two, unless it is next to one.
+        // A byte that becomes a delimiter splits the packet in two, unless next to one.
         let pieces = damaged[1].split(|&byte| byte == 0).filter(|piece| !piece.is_empty());
         prop_assert_eq!(counters.bad_crc + counters.malformed, pieces.count() as u64);
     }
@@ -79,7 +79,7 @@ proptest! {
         let mut cut = wires.clone();
         cut[1].drain(from..to);
         let mut decoder = Decoder::new(framing);
-        // In plain API mode a truncated frame waits for bytes that may never come; more bytes push it out.
+        // In plain API mode a truncated frame waits for bytes; more bytes push it out.
         let mut stream = cut.concat();
         stream.extend([0; 140]);
         let received = packets(&mut decoder, &stream);

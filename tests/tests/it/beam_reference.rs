@@ -1,4 +1,4 @@
-//! Comparison of the beam channel with a complete reference solution in 40-digit arithmetic; the tests of
+//! Comparison with a complete reference solution in 40-digit arithmetic; the tests of
 //! `beam-channel` contain its main figures.
 
 use beam_channel::{Angle, BeamPlateau, Channel, Model, Normal, Setup, Wall};
@@ -60,7 +60,6 @@ fn check_all(setup: &Setup, values: &Value, name: &str) {
         let ahead: f64 = ahead.parse().unwrap();
         let contact = side.contact_after(side.engagement_m - ahead).unwrap();
         close(&format!("phi {ahead}"), side.place_rad(&contact), &beam["phi"]);
-        // The first beam's base is at 0.
         let (_, _, force) = model.beams(Wall::Left, -ahead).find(|beam| beam.0 == 0).unwrap();
         close(&format!("dtheta {ahead}"), force.deflection_rad, &beam["dtheta"]);
         close(&format!("Fx {ahead}"), force.fx_n, &beam["Fx"]);
@@ -81,7 +80,6 @@ fn check_all(setup: &Setup, values: &Value, name: &str) {
     let spaced = mean(&|setup| setup.channel = Channel { pitch_m: 0.025, ..setup.channel });
     close("spacing", spaced, &variants["spacing_2p5cm"]);
     close("one side", 0.5 * plateau.mean_drag_n, &variants["one_side"]);
-    // The drag is linear in the friction.
     let smooth = mean(&|setup| setup.beam.friction = 0.0);
     let rough = mean(&|setup| setup.beam.friction = 1.0);
     close("no friction", smooth, &values["mean_drag_normal_part"]);
@@ -91,14 +89,14 @@ fn check_all(setup: &Setup, values: &Value, name: &str) {
     close("ungated", pushed, &variants["ungated"]);
 }
 
-/// Returns the work in J that a pair of beams would do before they bend forward, if an approaching body had
-/// drawn their tips back. The reference calls this part ungated, and the model leaves it out. Computed from
-/// the formulas, using only the position where the beams begin to bend forward from the model.
+/// Returns the work that a pair of beams would do before they bend forward, J, if an approaching
+/// body had drawn their tips back: the reference calls this ungated, and the model leaves it out.
+/// Only the position where the beams begin to bend forward is the model's.
 fn pulled_work(setup: &Setup, first_touch_rad: f64) -> f64 {
     let Setup { ellipse, beam, .. } = setup;
     let (rx, ry, length) = (ellipse.semi_length_m, ellipse.semi_width_m, beam.length_m);
     let stiffness = beam.torsional_stiffness() / length;
-    // With φ = first touch + z²: the slope of the travel in z, and its product with the drag.
+    // With φ = first touch + z²: the slope of the travel in z, times the drag.
     let at = |z: f64| {
         let (phi, half) = (first_touch_rad + z * z, 0.5 * z * z);
         let rise = 2.0 * ry * (first_touch_rad + half).cos() * half.sin();
@@ -115,7 +113,7 @@ fn pulled_work(setup: &Setup, first_touch_rad: f64) -> f64 {
         let drag = -stiffness * angle * (out + beam.friction * back) / back.hypot(out);
         (slope, drag * slope)
     };
-    // The tip leaves where the travel turns, found by bisection.
+    // The tip leaves where the travel turns.
     let (mut low, mut high) = (0.0, (0.5 * std::f64::consts::PI - first_touch_rad).sqrt());
     for _ in 0..60 {
         let middle = 0.5 * (low + high);

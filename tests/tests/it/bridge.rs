@@ -1,9 +1,8 @@
 //! A bridge between the serial port of the modelled board and a pty for `shellcal`.
 //!
-//! The model counts time in instructions and never waits: it produces minutes of samples in seconds. So the
-//! bridge takes the board's output at once and stores it until `shellcal` has read it. While too much is
-//! stored, the emulator is stopped, which the board cannot notice. No data are lost here, even if the host
-//! stalls for long.
+//! The model never waits: it produces minutes of samples in seconds. The bridge stores them until
+//! `shellcal` has read them. While too much is stored, the emulator is stopped, which the board
+//! cannot notice, so no data are lost even if the host stalls for long.
 
 use std::collections::VecDeque;
 use std::io::{Read, Write};
@@ -19,26 +18,22 @@ use serialport::{SerialPort, TTYPort};
 use shared_proto::xbee::{Address, ApiFrame, Deframer, Mode};
 use system_tests::program::Running;
 
-/// Stored bytes at which the emulator is stopped, and at which it continues.
+/// Stored bytes at which the emulator stops, and at which it continues.
 const HIGH_WATER: usize = 1 << 14;
 const LOW_WATER: usize = 1 << 12;
 
-/// Payload size of a radio packet.
 const RADIO_PACKET: usize = 100;
 
-/// The device at the host's end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BaseStation {
     /// A wire, or an XBee in transparent mode.
     Transparent,
-    /// An XBee in API mode; the board's own is transparent.
+    /// The board's own XBee is transparent.
     Api(Mode),
 }
 
-/// A board in the emulator, and a pty that leads to it.
 pub struct EmulatedBoard {
     _emulator: Running,
-    /// The host's end of the pty.
     pub port: String,
 }
 
@@ -49,7 +44,7 @@ struct Shared {
 }
 
 impl EmulatedBoard {
-    /// Starts an emulator with the command that connects its serial line to an address.
+    /// Starts an emulator; `command` connects its serial line to an address.
     pub fn start(base: BaseStation, command: impl FnOnce(SocketAddr) -> Command) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let mut command = command(listener.local_addr().unwrap());
@@ -95,7 +90,7 @@ impl Shared {
         }
     }
 
-    /// Retries unread data: the pty does not accept them until its other end is open.
+    /// Retries unread data, which a pty refuses until its other end is open.
     fn give_to_host(&self, mut pty: TTYPort) {
         loop {
             let mut outgoing = self.outgoing.lock().unwrap();

@@ -14,7 +14,7 @@ use system_tests::program::{Recording, Running, command, interrupt, run, run_pat
 
 use crate::page_rules::{check_rules, contrast, keep};
 
-/// A board in this process, so that its clock can be compared with the browser's.
+/// In this process, so that its clock can be compared with the browser's.
 struct Board {
     board: SimulatedBoard,
     /// Earliest time at which its clock was zero, ms since 1970.
@@ -26,13 +26,12 @@ impl Board {
         let from_ms = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs_f64() * 1e3;
         let board = SimulatedBoard::start(BoardSettings::new(Load::hands(2), 2));
         let board = board.unwrap();
-        // At a rate that a busy machine can simulate without delay: the board's delay is not under test.
+        // A rate that a busy machine can simulate: the board's delay is not under test.
         run_patiently(dir, &format!("board {} rate 100", board.port()), 0);
         Self { board, from_ms }
     }
 }
 
-/// The program that serves the page.
 struct Server {
     child: Running,
     address: String,
@@ -52,7 +51,7 @@ impl Server {
         Self { address: address.to_owned(), child: Running(child) }
     }
 
-    /// Waits until it has ended successfully: only then are its logs complete.
+    /// Its logs are complete only after a successful end.
     fn wait(mut self) {
         let deadline = SystemTime::now() + Duration::from_secs(60);
         while self.child.0.try_wait().unwrap().is_none() {
@@ -63,7 +62,7 @@ impl Server {
     }
 }
 
-/// Returns the delay of every picture, from the sample of its newest row to its drawing, ms, sorted.
+/// Returns the delay of every picture, from the sample of its newest row to its drawing, ms.
 fn delays(browser: &mut Browser, board: &Board) -> Vec<f64> {
     let watch = "(() => { window.seen = []; const now = document.getElementById('now'); \
         new MutationObserver(() => window.seen.push([Date.now(), parseFloat(now.textContent)]))\
@@ -80,8 +79,8 @@ fn delays(browser: &mut Browser, board: &Board) -> Vec<f64> {
     delays
 }
 
-/// Returns the distance between the right end of each trace and the displayed value, as a share of the
-/// trace's height, from the pixels of the drawing. Grey is the zero line.
+/// Distance between the right end of each trace and the displayed value, as a share of the trace's
+/// height, from the pixels. Grey is the zero line.
 const OFF: &str = "(() => [...document.querySelectorAll('.trace')].map((row) => {\
     const canvas = row.querySelector('canvas'), { width, height } = canvas;\
     const points = canvas.getContext('2d').getImageData(width - 6, 0, 6, height).data;\
@@ -112,10 +111,9 @@ fn the_page_follows_the_board() {
     let delays = delays(&mut browser, &board);
     let [median, worst] = [delays[50], delays[delays.len() - 1]];
     println!("{median:.0} ms from a sample to its picture (median), {worst:.0} ms at most");
-    // The median, since a shared machine may be late now and then. A sample is older than its picture.
+    // The median, since a shared machine may be late. A sample is older than its picture.
     assert!((0.0..200.0).contains(&median), "{delays:?}");
 
-    // The drawing matches the values.
     browser.click("document.querySelector('[data-order=pause]')");
     browser.wait_for("document.getElementById('flags').textContent.includes('PAUSED')");
     browser.wait_for(
@@ -140,7 +138,6 @@ fn the_page_follows_the_board() {
     }
     keep(&browser.screenshot(), "live-1400.png.base64");
 
-    // Other viewers have other screens, and dark mode.
     for (width, dark) in [(1400, false), (1024, true), (390, false), (390, true)] {
         let mut other = Browser::start(&chromium, [width, 800], width < 500);
         if dark {
@@ -150,7 +147,6 @@ fn the_page_follows_the_board() {
         other.wait_for("document.querySelectorAll('.trace').length === 6");
         let beyond = "document.documentElement.scrollWidth - document.documentElement.clientWidth";
         assert_eq!(other.evaluate(beyond), 0, "{width}");
-        // No content is cut off at the side, either.
         let cut = "[...document.querySelectorAll('body *')].filter((e) => e.getBoundingClientRect().right > document.documentElement.clientWidth + 0.5).map((e) => e.outerHTML.slice(0, 80))";
         assert_eq!(other.evaluate(cut), Value::Array(Vec::new()), "{width}");
         assert!(contrast(&mut other) > 4.5, "{width}");
@@ -166,7 +162,6 @@ fn the_page_follows_the_board() {
     interrupt(&server.child.0);
     browser.wait_for("document.getElementById('state').textContent === 'the program has ended'");
     assert_eq!(browser.complaints(), Vec::<String>::new());
-    // The page requests itself, its events and its orders.
     let requests = browser.requests();
     let origin = server.address.split("/?").next().unwrap();
     assert!(requests.iter().all(|request| request.starts_with(origin)), "{requests:?}");
@@ -233,7 +228,7 @@ fn a_sitting_is_led_load_by_load() {
     assert!(index.windows(2).all(|pair| pair[1] == pair[0] + 1.0), "a frame is lost");
     for (group, ..) in LOADS {
         let rows = log.text("group").iter().filter(|label| **label == group).count();
-        // Two seconds at the board's 100 Hz, minus frames that the view skipped on a busy machine.
+        // Two seconds at 100 Hz, minus frames that the view skipped on a busy machine.
         assert!((150..=260).contains(&rows), "{group}: {rows} rows");
     }
 }

@@ -9,7 +9,6 @@ use system_tests::on_the_wire;
 
 const PACKETS: u64 = 1_000_000;
 
-/// A sample whose content identifies it.
 fn sample(index: u64) -> Sample {
     let mut state = index;
     let mut random = || {
@@ -26,7 +25,6 @@ fn sample(index: u64) -> Sample {
     }
 }
 
-/// The effects on the stream, as the decoder should see them.
 #[derive(Debug, Default, PartialEq)]
 struct Faults {
     missing: u64,
@@ -36,9 +34,7 @@ struct Faults {
     damaged: u64,
 }
 
-/// The data on the air.
 struct Sent {
-    /// The packets that arrived intact, in order.
     intact: Vec<u64>,
     books: Books,
     stream: Vec<u8>,
@@ -57,7 +53,7 @@ fn send(framing: Framing, corruption: f64, seed: u64) -> Sent {
     let mut radio = Radio::new(faults, seed).unwrap();
     let mut sent = Sent { intact: Vec::new(), books: Books::default(), stream: Vec::new() };
     let bytes = |index| on_the_wire(&Packet::Sample(sample(index)), framing);
-    // One additional packet at either end always arrives, so that all losses lie in between.
+    // A packet at either end always arrives, so that all losses lie in between.
     sent.intact.push(0);
     sent.stream.extend(bytes(0));
     for index in 1..=PACKETS {
@@ -90,8 +86,8 @@ fn faults(intact: &[u64]) -> Faults {
     faults
 }
 
-/// Returns the damaged pieces of a COBS stream: non-empty pieces between zeros that are not sent frames.
-/// After a damaged delimiter, an intact frame is at the end of such a piece.
+/// Returns non-empty pieces between zeros that are not sent frames. After a damaged delimiter, an
+/// intact frame is at the end of such a piece.
 fn damaged_pieces(sent: &Sent) -> u64 {
     let mut damaged = 0;
     let mut intact = sent.intact.iter();
@@ -111,7 +107,6 @@ fn damaged_pieces(sent: &Sent) -> u64 {
 }
 
 struct ReceivedFrames {
-    /// Without packets that arrived before.
     indices: Vec<u64>,
     wrong: u64,
     losses: Losses,
@@ -121,7 +116,7 @@ fn receive(framing: Framing, stream: &[u8]) -> ReceivedFrames {
     let mut boards = Boards::new(Protocol::Packets(framing));
     stream.chunks(1000).for_each(|bytes| boards.feed(bytes, None));
     boards.finish();
-    // An undetected error in an address creates a board with a single packet, which makes no frame.
+    // An undetected error in an address creates a board with one packet, which makes no frame.
     let with_frames: Vec<_> =
         boards.heard.iter().filter(|board| !board.frames.is_empty()).collect();
     let [board] = with_frames[..] else { panic!("{} boards", with_frames.len()) };
@@ -138,20 +133,19 @@ fn receive(framing: Framing, stream: &[u8]) -> ReceivedFrames {
     }
 }
 
-/// Returns the packets that arrived for the first time, in order.
 fn first_arrivals(intact: &[u64]) -> Vec<u64> {
     let mut seen = HashSet::new();
     intact.iter().copied().filter(|&index| seen.insert(index)).collect()
 }
 
-// One packet in about 28 loses two bytes or more. The CRC passes one in 65,536 of them, so half a wrong
-// packet is expected in a million. With this seed there is none, so the accounts must agree.
+// One packet in about 28 loses two bytes or more. The CRC passes one in 65,536 of them, half a
+// packet in a million. With this seed there is none, so the accounts must agree.
 #[test]
 fn over_a_transparent_link_all_counters_equal_the_faults() {
     let sent = send(Framing::Cobs, 0.01, 3);
     let received = receive(Framing::Cobs, &sent.stream);
     assert_eq!(received.wrong, 0);
-    // No intact frame is lost. A frame whose delimiter alone was hit counts as damaged all the same.
+    // A frame whose delimiter alone was hit counts as damaged, but is not lost.
     assert_eq!(received.indices, first_arrivals(&sent.intact));
     let losses = received.losses;
     let counted = Faults {
@@ -171,23 +165,23 @@ fn check_api_frames(mode: Mode, seed: u64) {
 
     let got: HashSet<u64> = received.indices.iter().copied().collect();
     assert!(sent.intact.iter().all(|index| got.contains(index)), "a good frame was lost");
-    // If only the API header was hit, twice, its checksum passes one in 256, and the packet in it is intact:
-    // 10⁶ · 36 (pairs of bytes) · 10⁻⁴ · 0.74 (the rest intact) / 256 = 10 expected.
+    // The checksum passes one in 256 API headers that were hit twice, with an intact packet: 10⁶ ·
+    // 36 (pairs of bytes) · 10⁻⁴ · 0.74 (the rest intact) / 256 = 10 expected.
     let more = received.indices.len() - first_arrivals(&sent.intact).len();
     assert!(more < 30, "{more}");
 
     let losses = received.losses;
     let expected = faults(&received.indices);
     assert_eq!((losses.missing, losses.reordered), (expected.missing, expected.reordered));
-    // Damage to adjacent frames is counted once, damage that looks like a start twice.
+    // Damage to adjacent frames counts once, damage that looks like a start twice.
     let damaged = losses.bad_crc + losses.damaged;
     let ratio = damaged as f64 / sent.books.corrupted as f64;
     assert!((0.97..=1.03).contains(&ratio), "{ratio}");
 }
 
-// In API mode the module's radio drops frames damaged in the air; here the serial line does the damage, to
-// the API header as well as to the packet. A frame with a wrong length and a right checksum can take an
-// intact one with it; a twentieth of one is expected in a million.
+// In API mode the radio drops frames damaged in the air; here the serial line does the damage, also
+// to the API header. A frame with a wrong length and a right checksum can take an intact one with
+// it: 1/20 expected in a million.
 #[test]
 fn over_api_frames_no_good_frame_is_lost_and_the_counters_equal_those_of_the_faults() {
     check_api_frames(Mode::Plain, 8);

@@ -1,4 +1,4 @@
-//! `shellcal stream --to netft`: programs that read ATI's Net F/T boxes get the forces of a board.
+//! `shellcal stream --to netft`: programs that read ATI's Net F/T boxes get a board's forces.
 
 use std::collections::HashMap;
 use std::fs;
@@ -25,7 +25,6 @@ fn calibration(dir: &Path) {
     run(dir, &format!("fit {} --model cubic --output cal.json", training.display()), 0);
 }
 
-/// A stream that answers as a box, and where.
 fn serve(dir: &Path, arguments: &str) -> (Child, SocketAddr) {
     let mut program = command(dir);
     program.args(format!("stream {arguments} -o rows.jsonl --to netft:0").split_whitespace());
@@ -41,7 +40,6 @@ fn serve(dir: &Path, arguments: &str) -> (Child, SocketAddr) {
     (child, address.unwrap())
 }
 
-/// The counts of the rows that were streamed, by the numbers of their frames.
 fn streamed(dir: &Path) -> HashMap<u32, [i64; 6]> {
     let text = fs::read_to_string(dir.join("rows.jsonl")).unwrap();
     let counts = |line: &str| {
@@ -52,7 +50,6 @@ fn streamed(dir: &Path) -> HashMap<u32, [i64; 6]> {
     text.lines().map(counts).collect()
 }
 
-/// A program that asks for records.
 struct Client(UdpSocket);
 
 impl Client {
@@ -94,7 +91,6 @@ fn a_client_gets_the_rows_to_a_count_also_after_a_bias() {
     assert!(plain.iter().zip(1..).all(|(record, number)| record.rdt_sequence == number));
     assert!(plain.iter().all(|record| record.status == 0), "{plain:?}");
     client.ask(RdtCommand::Bias);
-    // Records that were already on their way.
     for _ in 0..20 {
         client.next();
     }
@@ -117,7 +113,7 @@ fn a_client_gets_the_rows_to_a_count_also_after_a_bias() {
     for record in &plain {
         assert_eq!(record.counts.map(i64::from), rows[&record.ft_sequence]);
     }
-    // One load was taken off all, and it is one that was measured.
+    // The bias is one measured load, the same for all.
     let off = |record: &RdtRecord| -> [i64; 6] {
         let row = rows[&record.ft_sequence];
         std::array::from_fn(|axis| row[axis] - i64::from(record.counts[axis]))
@@ -150,7 +146,6 @@ fn saturation_and_gaps_are_in_the_status_word() {
     assert!(gaps > 5, "{gaps} gaps");
 }
 
-/// A recording from a program that answers like a box equals the data that it sent.
 #[test]
 fn one_board_is_the_reference_of_another() {
     let (dir, other) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
@@ -218,7 +213,6 @@ rows = lambda samples: [[s.ft_sequence, list(s.raw_wrench)] for s in samples]
 json.dump({"plain": rows(plain), "biased": rows(biased), "others": single + stream}, sys.stdout)
 "#;
 
-/// A load that does not move.
 const REST: &str =
     "t_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm\n0,0.5,0,-1,0,0.01,0\n600,0.5,0,-1,0,0.01,0\n";
 
@@ -229,7 +223,7 @@ fn counts_of(value: &Value) -> [i64; 6] {
 #[test]
 #[ignore = "needs a Python with packages that read tables and bags"]
 fn pynetft_and_netft_read_the_forces_of_a_board() {
-    // A busy machine does not keep 1 kHz: that is measured on request.
+    // A busy machine does not keep 1 kHz.
     let rates: &[u32] =
         if std::env::var_os("NETFT_SECONDS").is_some() { &[100, 1000] } else { &[100] };
     for &rate in rates {
@@ -237,7 +231,7 @@ fn pynetft_and_netft_read_the_forces_of_a_board() {
         let dir = dir.path();
         calibration(dir);
         fs::write(dir.join("rest.csv"), REST).unwrap();
-        // At rest: a client begins anew when a reading is out of range, as it does with a box.
+        // A client begins anew when a reading is out of range, as with a box.
         let board = Board::start(dir, "--seed 3 --load rest.csv");
         if rate > 200 {
             run_patiently(dir, "board board sampling --settling 25 --conversions 4", 0);
@@ -249,7 +243,7 @@ fn pynetft_and_netft_read_the_forces_of_a_board() {
         let measured = std::env::var("NETFT_SECONDS").ok();
         let seconds = measured.clone().unwrap_or_else(|| "5".to_owned());
         let wanted = 0.8 * f64::from(rate) * seconds.parse::<f64>().unwrap();
-        // A client starves on a busy machine: without a measurement it waits for its samples.
+        // On a busy machine a client waits for its samples.
         let least = if measured.is_some() { 0.0 } else { wanted }.to_string();
         let read = python().args(["-c", CLIENTS, &port, &seconds, &least]).output().unwrap();
         interrupt(&child);

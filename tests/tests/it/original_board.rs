@@ -3,7 +3,6 @@
 use shared_proto::skinproc::{Decoder, Scan, decode_scan};
 use system_tests::real_recording;
 
-/// Returns the numbers in brackets at the end of a line.
 fn numbers<T: std::str::FromStr>(line: &str) -> Option<Vec<T>> {
     let (_, list) = line.strip_suffix(']')?.split_once('[')?;
     let words = list.split([',', ' ']).filter(|word| !word.is_empty());
@@ -27,7 +26,7 @@ fn logged_payloads_give_the_readings_that_the_base_station_printed() {
         }
     }
     assert_eq!(scans.len(), 150);
-    // The same payloads as one stream of bytes, including other answers.
+    // The same payloads in one stream, with other answers.
     let (mut decoder, mut streamed) = (Decoder::new(), Vec::<Scan>::new());
     stream.chunks(7).for_each(|bytes| decoder.feed(bytes, |scan| streamed.push(scan)));
     decoder.finish(|scan| streamed.push(scan));

@@ -6,17 +6,17 @@ use std::path::Path;
 use serde_json::Value;
 use system_tests::browser::Browser;
 
-/// Variable with the path of axe-core, which `cargo xtask test` fetches if possible.
+/// `cargo xtask test` fetches axe-core if possible.
 const AXE: &str = "SHELLCAL_AXE";
 
 pub fn keep(base64: &str, name: &str) {
-    // For inspection: `SHELLCAL_SCREENSHOTS` is a directory that keeps the screens.
+    // For inspection: `SHELLCAL_SCREENSHOTS` keeps the screens.
     if let Some(folder) = std::env::var_os("SHELLCAL_SCREENSHOTS") {
         fs::write(Path::new(&folder).join(name), base64).unwrap();
     }
 }
 
-/// Returns the lowest contrast between text and page; WCAG 2.2 AA requires more than 4.5 to 1.
+/// Returns the lowest contrast of text; WCAG 2.2 AA requires more than 4.5 to 1.
 pub fn contrast(browser: &mut Browser) -> f64 {
     let contrast = "(() => { const luminance = (c) => c.match(/[\\d.]+/g).slice(0, 3).map((v) => v / 255)\
         .map((v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4))\
@@ -27,8 +27,7 @@ pub fn contrast(browser: &mut Browser) -> f64 {
     browser.evaluate(contrast).as_f64().unwrap()
 }
 
-/// Returns violations of the rules for users without sight or without a mouse, plus the findings of axe-core
-/// if available.
+/// Returns violations for users without sight or mouse, with the findings of axe-core if available.
 pub fn check_rules(browser: &mut Browser) {
     let faults = "(() => { const all = (s) => [...document.querySelectorAll(s)], faults = [];\
         if (!document.documentElement.lang) faults.push('no language');\
@@ -55,9 +54,8 @@ pub fn check_rules(browser: &mut Browser) {
     assert_eq!(found, Value::Array(Vec::new()));
 }
 
-/// Checks that the page does not scroll sideways, that its text is legible, and that it follows the rules.
+/// Checks that the page does not scroll sideways, is legible, and follows the rules.
 pub fn check_page(browser: &mut Browser, width: u32) {
-    // The width of the window, minus a scroll bar.
     let beyond = "document.documentElement.scrollWidth - document.documentElement.clientWidth";
     assert_eq!(browser.evaluate(beyond), 0, "{width}");
     assert!(contrast(browser) > 4.5, "{width}");

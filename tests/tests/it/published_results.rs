@@ -1,5 +1,4 @@
-//! The whole path from recordings to forces, compared with the paper's figures for its instrument: 77,522
-//! training and 19,932 test rows, cubic model.
+//! The whole path from recordings to forces: the paper's 77,522 and 19,932 rows, cubic model.
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -13,7 +12,6 @@ use shellcal::workflow::selection::RowFilter;
 use simulation::sensor_model::{RecordingKind, RecordingSettings, SensorRecording};
 use simulation::synthetic_log::SyntheticLayout;
 
-/// A recording of the simulated instrument, written and opened as a log.
 fn log(directory: &Path, kind: RecordingKind, seed: u64, rows: usize) -> Log {
     let settings = RecordingSettings {
         kind,
@@ -45,9 +43,8 @@ fn at_the_papers_size_errors_and_noise_are_of_the_papers_order() {
     let fitted = fit(&[train], &[test], &options).unwrap();
     assert_eq!(fitted.rows, 77_522);
 
-    // The paper's RMS errors are 0.118, 0.122 and 0.126 N. The simulated instrument resembles the paper's,
-    // but is not identical: a third in either direction is the same order for a sensor with a range of a few
-    // newtons.
+    // The paper's RMS errors are 0.118, 0.122 and 0.126 N. The simulated instrument resembles the
+    // paper's, so a third in either direction is the same order.
     let quality = fitted.tests[0].quality().unwrap();
     for (error, paper) in quality.iter().zip([0.118, 0.122, 0.126]) {
         assert!((error.rms / paper - 1.0).abs() < 0.33, "{} N, in the paper {paper} N", error.rms);

@@ -1,5 +1,4 @@
-//! A report of trials in a headless browser: it loads without warnings or requests, draws its plots, and
-//! works with mouse and keyboard, on a phone, and on paper.
+//! A report of trials in a headless browser: without requests, by keyboard, on a phone, on paper.
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -10,16 +9,15 @@ use system_tests::program::run;
 
 use crate::page_rules::{check_page, check_rules, contrast, keep};
 
-/// A name that would do harm as markup, or as a tag of the plotting library.
+/// Would do harm as markup, or as a tag of the plotting library.
 const NASTY: &str = "<img src=x onerror=alert(1)></script><b>";
 
-/// Ten trials in all five conditions, and their report.
+/// Ten trials in all five conditions.
 fn report(dir: &Path) -> PathBuf {
     run(dir, "synth trials trials --per-condition 2", 0);
     run(dir, "synth train --rows 5000 --output train.csv", 0);
     run(dir, "fit --model cubic train.csv --output calibration.json", 0);
-    // One more trial, with a name, a condition and a note that must be shown literally, and one whose log is
-    // missing.
+    // One more trial, with texts that must be shown literally, and one whose log is missing.
     let log = format!("{}.txt", NASTY.replace('/', "_"));
     fs::copy(dir.join("trials/free-1.txt"), dir.join("trials").join(&log)).unwrap();
     let manifest = fs::read_to_string(dir.join("trials/manifest.csv")).unwrap();
@@ -31,7 +29,6 @@ fn report(dir: &Path) -> PathBuf {
     dir.join("report.html")
 }
 
-/// Opens a report and waits for its plots.
 fn open(chromium: &str, report: &Path, size: [u32; 2], mobile: bool) -> Browser {
     let mut browser = Browser::start(chromium, size, mobile);
     browser.open(report);
@@ -54,16 +51,14 @@ fn a_report_works_in_a_browser() {
     );
     let drawn = browser.evaluate("[...document.querySelectorAll('.js-plotly-plot')].filter((p) => p.querySelector('.trace, .boxes, .scatterlayer .lines')).length");
     assert_eq!(drawn, 11);
-    // Each has a description for users without sight, and none is empty.
+    // Each is described for users without sight, and none is empty.
     let described = "[...document.querySelectorAll('.plot')].every((p) => p.getAttribute('role') === 'group' && p.getAttribute('aria-label').length > 20)";
     assert_eq!(browser.evaluate(described), true);
 
-    // Names are shown as text.
     let shown = browser.evaluate("[...document.querySelectorAll('td')].filter((c) => c.textContent.includes('onerror')).length > 0");
     assert_eq!(shown, true);
     assert_eq!(browser.evaluate("document.querySelectorAll('main img, main b').length"), 0);
 
-    // A click hides a trace, another shows it.
     let button = "document.querySelector('#forces-0').parentNode.querySelector('.keys button')";
     let visible = "document.querySelector('#forces-0').data[0].visible !== false && document.querySelectorAll('#forces-0 .scatterlayer .trace').length === 4";
     let pressed = format!("{button}.getAttribute('aria-pressed')");
@@ -82,7 +77,6 @@ fn a_report_works_in_a_browser() {
     let next = browser.evaluate("document.activeElement.tagName === 'BUTTON' && getComputedStyle(document.activeElement).outlineStyle");
     assert_eq!(next, "solid");
 
-    // Zoom by button, and reset.
     let range = "document.querySelector('#forces-0')._fullLayout.xaxis.range";
     let before = browser.evaluate(range);
     let by_label = |label: &str| {
@@ -97,14 +91,13 @@ fn a_report_works_in_a_browser() {
     browser.click(&by_label("reset"));
     browser.wait_for(&format!("Math.abs({range}[0] - {}) < 1e-6", before[0]));
 
-    // A trial is drawn when it is opened.
     browser.click("document.querySelectorAll('details[data-trial] > summary')[3]");
     browser.wait_for("!!document.querySelector('#forces-3.js-plotly-plot') && !!document.querySelector('#stack-3.js-plotly-plot')");
 
     assert!(contrast(&mut browser) > 4.5);
     check_rules(&mut browser);
 
-    // A click gives the numbers behind a figure: every frame of the trial, with a header.
+    // Every frame of the trial, with a header.
     browser.evaluate(
         "const make = URL.createObjectURL; URL.createObjectURL = (blob) => { blob.text().then((text) => { window.saved = text; }); return make.call(URL, blob); }; 0",
     );
@@ -122,8 +115,7 @@ fn a_report_works_in_a_browser() {
     assert_eq!(browser.requests(), Vec::<String>::new());
 }
 
-/// The effect per condition comes first, the tables fit, and a table that does not fit shows that it
-/// continues.
+/// The effect comes first, the tables fit, and one that does not shows that it continues.
 #[test]
 #[ignore = "needs Chromium"]
 fn a_report_answers_first_and_cuts_nothing_without_a_cue() {
@@ -144,13 +136,12 @@ fn a_report_answers_first_and_cuts_nothing_without_a_cue() {
         }
         browser.open(&report);
         browser.wait_for("document.documentElement.dataset.plots === 'drawn'");
-        // In suitable units, with intervals.
         assert_eq!(browser.evaluate("document.querySelector('main h2').id"), "effect");
         let effect = browser.evaluate("document.querySelector('section').innerText");
         let effect = effect.as_str().unwrap();
         assert!(effect.contains("drag energy (mJ)") && effect.contains(" ± "), "{effect}");
         assert!(effect.contains("Drag energy per trial differs from that of free"), "{effect}");
-        // A table wider than its box has shadows at the sides of the box.
+        // Shadows at the sides of a table's box show that it is wider.
         let cut = "[...document.querySelectorAll('.table')].filter((t) => t.scrollWidth > t.clientWidth + 1 && !getComputedStyle(t).backgroundImage.includes('gradient')).length";
         assert_eq!(browser.evaluate(cut), 0);
         let wider = "[...document.querySelectorAll('section > .table')].filter((t) => t.scrollWidth > t.clientWidth + 1).map((t) => t.getAttribute('aria-label')).join()";
@@ -180,7 +171,6 @@ fn a_report_fits_on_a_phone() {
     assert_eq!(browser.complaints(), Vec::<String>::new());
 }
 
-/// The report of a calibration: its limits of use, at all widths, without a script.
 #[test]
 #[ignore = "needs Chromium"]
 fn the_report_of_a_calibration_can_be_read_at_any_width() {
@@ -202,7 +192,7 @@ fn the_report_of_a_calibration_can_be_read_at_any_width() {
         let headings =
             browser.evaluate("[...document.querySelectorAll('h2')].map((h) => h.id).join(' ')");
         assert_eq!(headings, "answer limits figure coverage groups model outliers origin");
-        // Both drawings are there, including clipped content.
+        // Including clipped content.
         let drawn = browser.evaluate("[...document.querySelectorAll('.drawing svg')].every((s) => s.getBBox().width > 700 && [...s.querySelectorAll('[clip-path]')].every((g) => document.getElementById(g.getAttribute('clip-path').slice(5, -1))?.closest('svg') === s))");
         assert_eq!(drawn, true);
         assert_eq!(browser.evaluate("document.querySelectorAll('.drawing svg').length"), 2);
@@ -219,7 +209,6 @@ fn the_report_of_a_calibration_can_be_read_at_any_width() {
     }
 }
 
-/// The certificate of a calibration: a page for every screen and for paper.
 #[test]
 #[ignore = "needs Chromium"]
 fn a_certificate_can_be_read_at_any_width() {

@@ -1,7 +1,6 @@
 //! `shellcal` on both ends of a pty: a simulated board, and the program that records it.
 //!
-//! The simulated board's clock shows when its frames were due, not when the machine computed them, so the
-//! results do not depend on the machine's load; only the duration does.
+//! The board's clock shows when frames were due, so only the duration depends on the machine.
 
 use std::fs;
 use std::path::Path;
@@ -13,7 +12,7 @@ use system_tests::program::{Recording, finish, interrupt, number, run, start, wa
 
 const WRENCH: [&str; 6] = ["fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"];
 
-/// A load with every axis as a function of time: 2 s at rest, then along each axis in turn.
+/// 2 s unloaded, then along each axis in turn.
 const LOAD: &str = "t_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm
 0,0,0,0,0,0,0
 2,0,0,0,0,0,0
@@ -23,10 +22,9 @@ const LOAD: &str = "t_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm
 6,0,0,0,0,0,0
 ";
 
-/// Maximum disagreement of channels under 1 N at 20 Hz.
+/// Largest disagreement of channels under 1 N at 20 Hz.
 const LIMIT_N: f64 = 0.02;
 
-/// Starts a simulated board on the port `board` of a directory.
 pub(crate) struct Board<'a> {
     dir: &'a Path,
     child: Option<Child>,
@@ -47,7 +45,6 @@ impl<'a> Board<'a> {
         run(self.dir, &format!("board board {what}"), 0)
     }
 
-    /// Records until the log has `rows` rows.
     pub(crate) fn record(&self, log: &str, rows: usize, arguments: &str) -> (Recording, String) {
         let arguments = format!("--json record board --start -o {log} {arguments}");
         let child = start(self.dir, &arguments);
@@ -86,7 +83,6 @@ fn assert_unbroken(log: &Recording, period_s: f64) {
     }
 }
 
-/// Returns the wrench of the script at a time on the board.
 fn load_at(time_s: f64) -> [f64; 6] {
     let rows: Vec<Vec<f64>> = LOAD
         .lines()
@@ -113,9 +109,8 @@ fn forces_of_a_recording_equal_those_of_the_script() {
     assert_unbroken(&log, 0.01);
     let times = log.numbers("t_s");
     let wrenches = log.table(WRENCH);
-    // The calibration's errors on the shipped test data are 0.131, 0.130, 0.137 N, 0.0038, 0.0053, 0.0051 N·m
-    // (README). Creep, hysteresis and the initial temperature are a different draw here, so half as much
-    // again is allowed.
+    // The calibration's errors on the shipped test data are 0.131, 0.130, 0.137 N, 0.0038, 0.0053,
+    // 0.0051 N·m (README). Half as much again is for other creep and temperature.
     for (axis, limit) in [0.20, 0.20, 0.21, 0.0057, 0.0080, 0.0076].into_iter().enumerate() {
         let errors = wrenches
             .iter()
@@ -128,7 +123,7 @@ fn forces_of_a_recording_equal_those_of_the_script() {
     }
 }
 
-/// A force of 1 N along z at 19.7 Hz, so that its phase at the frames shifts.
+/// Not 20 Hz, so that its phase at the frames shifts.
 const LOAD_HZ: f64 = 19.7;
 
 fn shaken() -> String {
@@ -138,7 +133,7 @@ fn shaken() -> String {
     format!("t_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm\n{rows}")
 }
 
-/// Returns sine and cosine of the load's frequency in a column of readings, by least squares.
+/// Returns sine and cosine of the load's frequency in readings, by least squares.
 fn phasor(times: &[f64], readings: &[f64]) -> [f64; 2] {
     let mean = readings.iter().sum::<f64>() / readings.len() as f64;
     let (mut ss, mut sc, mut cc, mut ys, mut yc) = (0.0, 0.0, 0.0, 0.0, 0.0);
@@ -170,11 +165,10 @@ fn channels_agree_on_a_load_of_20_hz() {
     };
     let (sampled, at_one_time) = (record("sampled.csv", "--as-sampled"), record("log.csv", ""));
     let (sampled_at, moved) = (phasors(&sampled), phasors(&at_one_time));
-    // The channels' signals in newtons, if each measures 1 N as sampled: their largest disagreement.
+    // The channels' largest disagreement, if each measures 1 N as sampled.
     let disagreement = |phasors: &[[f64; 2]]| -> f64 {
         let forces = phasors.iter().zip(&sampled_at).map(|(it, sampled)| {
             let steps_per_newton = sampled[0].hypot(sampled[1]);
-            // All channels have the same sign.
             let sign = sampled[0].signum();
             it.map(|part| part * sign / steps_per_newton)
         });
@@ -188,10 +182,10 @@ fn channels_agree_on_a_load_of_20_hz() {
     assert!((before - 0.240).abs() < 0.03, "{before}");
     assert!(after < LIMIT_N, "{after}");
     assert!(at_one_time.text("flags").iter().all(|flags| flags.is_empty()));
-    // The board has reported its health about once a second.
+    // About once a second.
     let told = at_one_time.text("supply_v").iter().filter(|text| !text.is_empty()).count();
     assert!((6..=9).contains(&told), "{told}");
-    // The temperature is repeated in between, for calibrations that use it.
+    // Repeated in between, for calibrations that use it.
     assert!(at_one_time.text("temperature_c").iter().all(|text| !text.is_empty()));
 }
 
@@ -206,8 +200,8 @@ fn a_thousand_frames_per_second_come_whole() {
     board.end();
     let index = log.numbers("index");
     assert!(index.windows(2).all(|pair| pair[1] == pair[0] + 1.0));
-    // A busy machine may suspend the board for a while, which then takes more frames at once than its queue
-    // can hold. It counts the dropped frames; every other frame is in the log, at its time.
+    // A busy machine may suspend the board, which then takes more frames at once than its queue can
+    // hold. It counts dropped frames; every other frame is in the log, at its time.
     let mut missing = 0;
     for pair in log.numbers("t_s").windows(2) {
         let slots = (pair[1] - pair[0]) / 0.001;
@@ -221,7 +215,7 @@ fn a_thousand_frames_per_second_come_whole() {
 #[test]
 fn edges_at_the_sync_input_are_in_the_log_after_they_were() {
     let dir = tempfile::tempdir().unwrap();
-    // Late enough for the recording to be under way on any machine.
+    // The recording is under way by then on any machine.
     let edges_s = [12.0, 12.003_21, 12.345_678];
     let board = Board::start(dir.path(), "--sync 12.345678,12,12.00321 --radio loss=0.02 --seed 5");
     board.record("log.csv", 1_300, "");
@@ -234,7 +228,6 @@ fn edges_at_the_sync_input_are_in_the_log_after_they_were() {
     let rows = lines.filter(|row| !row[sync].is_empty());
     let found: Vec<[f64; 3]> =
         rows.map(|row| [t, sync, sync_s].map(|at| number(row[at]))).collect();
-    // A lossy radio may have lost one of them.
     assert!(found.len() >= 2, "{found:?}");
     for [row_s, sync, sync_s] in found {
         assert_eq!(sync_s, edges_s[sync as usize]);
@@ -268,7 +261,6 @@ fn a_lossy_radio_costs_only_its_losses_and_every_loss_is_counted() {
     let (log, said) = board.record("log.csv", 400, "");
     let books = board.end();
     let index = log.numbers("index");
-    // Missing frames are counted in the rows after the gap.
     let missing: f64 = log.numbers("missing").iter().sum();
     let (mut newest, mut gaps) = (index[0], 0.0);
     for &index in &index[1..] {

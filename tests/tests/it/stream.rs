@@ -26,13 +26,11 @@ fn rows(path: &Path) -> Vec<Value> {
     text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
 }
 
-/// Returns the bits of a wrench by frame number.
 fn bits(rows: &[Value]) -> HashMap<i64, [u64; 6]> {
     let wrench = |row: &Value| AXES.map(|axis| row[axis].as_f64().unwrap().to_bits());
     rows.iter().map(|row| (row["index"].as_i64().unwrap(), wrench(row))).collect()
 }
 
-/// A program with its standard input and output piped.
 fn talk(dir: &Path, arguments: &str) -> Child {
     let mut program = command(dir);
     program.args(arguments.split_whitespace());
@@ -52,8 +50,7 @@ fn rows_have_the_bits_of_the_log() {
         let streamed = rows(&dir.join("rows.jsonl"));
         let streamed_bits = bits(&streamed);
         let wrenches = log.table(AXES);
-        // If channels are aligned to a common time, the last three frames wait for later ones, or for the
-        // end.
+        // With alignment, the last three frames wait for later ones, or for the end.
         assert_eq!(streamed.len(), log.rows());
         assert!(log.rows() >= 300);
         let (index, times) = (log.numbers("index"), log.numbers("t_s"));
@@ -86,7 +83,7 @@ fn a_log_streams_with_the_bits_of_convert() {
     let (streamed, converted) =
         (Recording::read(&dir.join("rows.csv")), Recording::read(&dir.join("wrench.csv")));
     assert_eq!(streamed.rows(), 400);
-    // Until tare and clock are known, rows have the forces of the calibration alone.
+    // Until tare and clock are known, rows have the calibration's forces alone.
     let bits = |recording: &Recording| -> Vec<[u64; 6]> {
         recording.table(AXES)[50..].iter().map(|wrench| wrench.map(f64::to_bits)).collect()
     };
@@ -95,7 +92,6 @@ fn a_log_streams_with_the_bits_of_convert() {
     let errors = ["fx_se_n", "mz_se_nm"];
     let last = |recording: &Recording| recording.table(errors)[399];
     assert_eq!(last(&streamed), last(&converted));
-    // Without a calibration, the stream has the log's forces.
     let printed = succeed(dir, "stream log.csv --speed 1000");
     let first: Value = serde_json::from_str(printed.lines().next().unwrap()).unwrap();
     assert!(first["fx_n"].is_number() && first.get("s8").is_none(), "{first}");
@@ -107,7 +103,6 @@ fn commands_come_by_the_standard_input() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     calibration(dir);
-    // Unloaded for as long as the machine takes.
     let board = Board::start(dir, "--noise-scale 0 --load -");
     let arguments =
         "stream board --start --calibration cal.json --no-tare --no-lowpass --until-eof";
@@ -133,7 +128,6 @@ fn commands_come_by_the_standard_input() {
     assert!(fx(&tared).abs() < 0.02, "{tared}");
     assert!(seen.iter().all(|row| (fx(row) - fx(&seen[0])).abs() < 0.05));
     writeln!(input, "rate 10").unwrap();
-    // The rate takes effect some frames later.
     let times: Vec<f64> = (0..200).map(|_| next()["t_s"].as_f64().unwrap()).collect();
     let slow = times.windows(2).filter(|pair| (pair[1] - pair[0] - 0.1).abs() < 1e-3).count();
     assert!(slow >= 60, "{slow}");
@@ -169,7 +163,6 @@ fn inputs_that_cannot_be_streamed_are_refused() {
         let said = refused(dir, arguments);
         assert!(said.contains(word), "{arguments}: {said}");
     }
-    // A calibration for another number of channels.
     let other = "t_s,s1,s2,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm\n";
     let row = |i: i32| {
         let (a, b) = (i * 37 % 101, i * 53 % 97);
@@ -180,7 +173,6 @@ fn inputs_that_cannot_be_streamed_are_refused() {
     ended(dir, "fit other.csv --model linear -o two.json -q", 0);
     let said = refused(dir, "stream log.csv --calibration two.json");
     assert!(said.contains("2 channels"), "{said}");
-    // A low-pass that the rate does not allow ends the stream with an error.
     let (_, said) =
         ended(dir, "stream log.csv --calibration cal.json --lowpass 400 --speed 1000", 2);
     assert!(said.contains("error: "), "{said}");

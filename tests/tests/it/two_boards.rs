@@ -15,11 +15,11 @@ use system_tests::program::{Recording, finish, interrupt, run, start, wait_for_r
 const ADDRESSES: [u16; 2] = [0x2052, 0x2053];
 const BROADCAST: u16 = 0xFFFF;
 
-/// Rate of the base station's line. 57,600 baud would not carry both boards.
+/// 57,600 baud would not carry both boards.
 const BAUD: u32 = 115_200;
 const READINGS: [&str; 8] = ["s1", "s2", "s3", "s4", "s5", "s6", "s7", "s8"];
 
-/// A board under a constant force, without noise: all its frames are equal.
+/// Under a constant force without noise, all its frames are equal.
 fn board(unit_seed: u64, fz_n: f64) -> TTYPort {
     let load = LoadTable::new([(0.0, [0.0, 0.0, fz_n, 0.0, 0.0, 0.0])]).unwrap();
     let settings = BoardSettings {
@@ -35,7 +35,7 @@ fn board(unit_seed: u64, fz_n: f64) -> TTYPort {
     TTYPort::open(&port).unwrap()
 }
 
-/// A base station and the boards' radio modules, which cut the streams at arbitrary points.
+/// A base station and the boards' modules, which cut the streams anywhere.
 fn coordinator(mode: Mode, boards: [TTYPort; 2]) -> String {
     let (mut station, host) = TTYPort::pair().unwrap();
     station.set_timeout(Duration::from_millis(5)).unwrap();
@@ -100,7 +100,7 @@ fn coordinator(mode: Mode, boards: [TTYPort; 2]) -> String {
     name
 }
 
-/// Returns the only distinct readings of a log whose frames have all arrived.
+/// Returns the only readings of a log whose frames have all arrived.
 fn only_readings(path: &Path, rssi: f64) -> [f64; 8] {
     let log = Recording::read(path);
     let index = log.numbers("index");
@@ -109,7 +109,7 @@ fn only_readings(path: &Path, rssi: f64) -> [f64; 8] {
     assert!(log.numbers("missing").iter().all(|&missing| missing == 0.0));
     assert!(log.numbers("rssi_dbm").iter().all(|&dbm| dbm == rssi));
     let readings = log.table(READINGS);
-    // The instrument warms up and its springs creep, which shifts readings by some steps in this time.
+    // Warm-up and creep shift readings by some steps in this time.
     for row in &readings {
         let near = row.iter().zip(&readings[0]).all(|(a, b)| (a - b).abs() <= 25.0);
         assert!(near, "{row:?} among {:?}", readings[0]);
@@ -122,7 +122,6 @@ fn two_boards_behind_one_base_station_are_two_logs() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     let port = coordinator(Mode::Escaped, [board(1, 1.0), board(2, -1.0)]);
-    // A command for one board must name the board.
     let refused = run(dir, &format!("board {port} --framing xbee-ap2 rate 150"), 2);
     assert!(refused.contains("2 boards answer"), "{refused}");
     // `simulated  2`, in hexadecimal digits.

@@ -1,5 +1,5 @@
-//! The page that fits, converts and records, in a headless browser: its results equal the program's byte for
-//! byte, and it works with a keyboard, on a phone, and on a dark screen.
+//! The page that fits, converts and records: its results equal the program's byte for byte, and it
+//! works with a keyboard, on a phone, and on a dark screen.
 
 use std::fs::{self, File};
 use std::io::{BufReader, Read};
@@ -15,7 +15,6 @@ use system_tests::{chromium, real_recording};
 
 use crate::page_rules::{check_page, check_rules, keep};
 
-/// Variable with the path of the page, which `cargo xtask test` builds.
 const PAGE: &str = "SHELLCAL_WEB_PAGE";
 
 fn open(size: [u32; 2], dark: bool) -> Browser {
@@ -39,7 +38,6 @@ fn by_id(id: &str) -> String {
     format!("document.getElementById('{id}')")
 }
 
-/// Waits until all files are examined.
 fn wait_for_files(browser: &mut Browser, count: usize) {
     browser.wait_for(&format!(
         "document.querySelectorAll('.file').length === {count} && logs.every((log) => log.answer)"
@@ -53,7 +51,6 @@ fn choose(browser: &mut Browser, id: &str, value: &str) {
     ));
 }
 
-/// Clicks and waits for the result.
 fn work(browser: &mut Browser, button: &str) {
     browser.evaluate("document.getElementById('status').textContent = ''; 0");
     browser.click(&by_id(button));
@@ -66,7 +63,7 @@ fn saved(browser: &mut Browser, name: &str) -> String {
     String::from_utf8(bytes).unwrap()
 }
 
-/// Removes date and checksum, which differ in each file, from a calibration.
+/// Removes date and checksum, which differ in each file.
 fn lasting(text: &str) -> Vec<&str> {
     let is_new =
         |line: &str| line.starts_with("  \"date\": ") || line.starts_with("  \"checksum\": ");
@@ -99,14 +96,13 @@ fn check_same<'a>(
     }
 }
 
-/// The tolerance of a model's coefficients in the page. Exact sums give the same bits everywhere. Memory terms are
-/// no whole numbers: they are solved by QR, whose last digits depend on the processor. Standard errors of a damped
-/// search amplify them: 6e-9 was seen.
+/// Relative tolerance of coefficients. Exact sums give the same bits everywhere. Memory terms are
+/// solved by QR, with last digits by the processor, which the standard errors of a damped search
+/// amplify: 6e-9 was seen.
 fn tolerance(model: &str) -> f64 {
     if model == "auto" { 1e-6 } else { 0.0 }
 }
 
-/// Returns a folder with the program's calibration from some logs: fitted to the first, tested on the others.
 fn fit_by_program(files: &[PathBuf], model: &str) -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
     let names: Vec<_> = files.iter().map(|file| name_of(file)).collect();
@@ -125,8 +121,7 @@ fn name_of(file: &Path) -> &str {
     file.file_name().unwrap().to_str().unwrap()
 }
 
-/// Fits to the first of some files and tests on the others, in the page and with the program; returns the
-/// page and the program's folder.
+/// Fits to the first file and tests on the others; returns the page and the program's folder.
 fn compare_fits(files: &[PathBuf], model: &str) -> (Browser, tempfile::TempDir) {
     let dir = fit_by_program(files, model);
     let mut browser = open([1200, 900], false);
@@ -140,7 +135,7 @@ fn compare_fits(files: &[PathBuf], model: &str) -> (Browser, tempfile::TempDir) 
     (browser, dir)
 }
 
-/// Converts the last of some files in the page, with its own calibration and with the program's.
+/// Converts the last file in the page, with both calibrations.
 fn compare_forces(browser: &mut Browser, dir: &Path, files: &[PathBuf], model: &str) {
     let last = name_of(files.last().unwrap());
     run(dir, &format!("convert by-program.json {last} -o forces.csv"), 0);
@@ -206,7 +201,6 @@ fn the_page_works_by_keyboard_on_a_phone_and_in_the_dark() {
         choose(&mut browser, "model", "linear");
         browser.press("Enter");
         browser.wait_for("document.getElementById('status').textContent === 'Done.'");
-        // New content has the focus.
         assert_eq!(browser.evaluate("document.activeElement.id"), "result-heading");
         assert_eq!(
             browser
@@ -277,9 +271,8 @@ fn a_fit_can_be_cancelled() {
     work(&mut browser, "fit");
 }
 
-/// A serial port that delivers `bytes`, at most 200 at a time, and keeps the bytes written to it. Half-way it
-/// reports a damaged byte, which ends one stream and begins the next. Like a real port, it closes once its
-/// streams are released.
+/// A serial port that delivers `bytes`, at most 200 at a time, and keeps those written. Half-way it
+/// reports a damaged byte, which ends a stream; it closes once its streams are released.
 fn fake_port(bytes: &[u8]) -> String {
     let digits: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
     format!(
@@ -301,7 +294,6 @@ fn fake_port(bytes: &[u8]) -> String {
     )
 }
 
-/// In the shadow DOM of the live view.
 fn in_view(selector: &str) -> String {
     format!("document.getElementById('live').shadowRoot?.querySelector('{selector}')")
 }
@@ -338,7 +330,7 @@ fn a_board_is_shown_and_its_log_equals_that_of_record() {
         );
         let newest =
             Recording::read(&dir.join("log.csv")).numbers("t_s").last().unwrap().to_string();
-        // The last rows wait for later ones, so the view is ahead of the log by at most a few frames.
+        // The last rows wait for later ones, so the view is a few frames ahead of the log.
         browser.wait_for(&format!("parseFloat({}.textContent) >= {newest} - 0.2", in_view("#now")));
         let written = browser.evaluate("port.written").as_f64().unwrap();
         assert!(written > 0.0, "it is told to start");
@@ -360,7 +352,6 @@ fn a_board_is_shown_and_its_log_equals_that_of_record() {
         browser.wait_for("!port.isOpen");
         assert!(browser.evaluate("port.written").as_f64().unwrap() > written, "it is told to stop");
         assert!(saved(&mut browser, "board.csv") == expected, "another log than that of `record`");
-        // The displayed wrench is the one in the row with its time.
         let log = Recording::read(&dir.join("log.csv"));
         // In a log, channels are aligned to a common time, some ms from the frame's.
         let is_shown = |time_s: &f64| (time_s - now.as_f64().unwrap()).abs() <= 0.006;
@@ -372,7 +363,6 @@ fn a_board_is_shown_and_its_log_equals_that_of_record() {
             let digit = if axis < 3 { 0.05 } else { 0.005 };
             assert!((shown - value).abs() < digit, "{axis}: {shown}, {value}");
         }
-        // The recording is a file like a dropped one.
         wait_for_files(&mut browser, 2);
         assert_eq!(browser.evaluate("logs[1].answer.has_readings"), true);
         check_quiet(browser);
@@ -385,7 +375,7 @@ fn the_page_leads_through_planned_loads() {
     let dir = tempfile::tempdir().unwrap();
     let plan = dir.path().join("plan.csv");
     fs::write(&plan, "group,force_n,direction\nahead,1.5,+x\nastern,1.5,-x\n").unwrap();
-    // 3 s at rest, a load for 5 s, 3 s at rest, another load.
+    // 3 s unloaded, a load for 5 s, 3 s unloaded, another load.
     let sample = |sequence: u16| Sample {
         sequence,
         clock_us: u32::from(sequence) * 10_000,
@@ -448,7 +438,6 @@ fn times_of_the_page() {
     browser.choose(&by_id("files"), std::slice::from_ref(&log));
     wait_for_files(&mut browser, 1);
     choose(&mut browser, "model", &model);
-    // Time to read, to fit, to report and to display.
     browser.evaluate(
         "window.times = []; window.timed = async () => { const begun = performance.now(); \
         await fit(); times.push(performance.now() - begun); }; 0",

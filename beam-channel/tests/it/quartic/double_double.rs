@@ -23,27 +23,24 @@ impl Wide {
     }
 }
 
-/// Computes `a + b` without error.
 fn two_sum(a: f64, b: f64) -> (f64, f64) {
     let sum = a + b;
     let of_b = sum - a;
     (sum, (a - (sum - of_b)) + (b - of_b))
 }
 
-/// Computes `a + b` without error if `|a| ≥ |b|`.
+/// Needs `|a| ≥ |b|`.
 fn quick_two_sum(a: f64, b: f64) -> Wide {
     let sum = a + b;
     Wide(sum, b - (sum - a))
 }
 
-/// Splits a number into the upper and the lower half of its bits.
 fn split(a: f64) -> (f64, f64) {
     let scaled = 134_217_729.0 * a;
     let high = scaled - (scaled - a);
     (high, a - high)
 }
 
-/// Computes `a·b` without error.
 fn two_product(a: f64, b: f64) -> (f64, f64) {
     let product = a * b;
     let ((ah, al), (bh, bl)) = (split(a), split(b));

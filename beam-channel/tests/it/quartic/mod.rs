@@ -8,8 +8,7 @@ mod double_double;
 
 use double_double::Wide;
 
-/// A beam and the body that it may touch, seen from its wall: x forward of the body's middle, y towards the
-/// wall.
+/// A beam and the body, seen from its wall: x forward of the body's middle, y towards the wall.
 pub(crate) struct Tip {
     pub(crate) semi_length: f64,
     pub(crate) semi_width: f64,
@@ -18,23 +17,21 @@ pub(crate) struct Tip {
     pub(crate) gap: f64,
     /// Forward distance from the body's middle to the base.
     pub(crate) ahead: f64,
-    /// Yaw of the body, in rad, towards the wall.
+    /// Yaw towards the wall, rad.
     pub(crate) yaw: f64,
 }
 
 type Polynomial = Vec<Wide>;
 
-/// A possible position of the beam's tip.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Intersection {
-    /// Position on the ellipse, in rad from the nose towards the wall, from −π to π.
+    /// Position on the ellipse, rad from the nose towards the wall, from −π to π.
     pub(crate) phi: f64,
     /// Forward distance from the base, over the length of the beam.
     pub(crate) forward: f64,
 }
 
-/// Returns the intersections of the ellipse with the circle about the beam's base, with the beam deflected
-/// forward or not at all.
+/// Returns the intersections of the ellipse with the circle about the base, on the forward side.
 pub(crate) fn intersections(tip: &Tip) -> Vec<Intersection> {
     let wide = Wide::from;
     let two = wide(2.0);
@@ -68,7 +65,6 @@ pub(crate) fn intersections(tip: &Tip) -> Vec<Intersection> {
     roots(&quartic).into_iter().map(intersection).collect()
 }
 
-/// Returns the non-negative roots, each between two turning points.
 fn roots(polynomial: &[Wide]) -> Vec<Wide> {
     if polynomial.len() < 2 {
         return Vec::new();

@@ -4,35 +4,33 @@
 //! arrival = a + b · tick + delay,  delay ≥ 0
 //! ```
 //!
-//! `tick` is the sensor's time or sample number, b the duration of a tick. A radio, a queue of the system or
-//! a program that was held up delays samples. The fastest samples determine the clock: the line lies below
-//! all arrivals, along the edge of their lower convex hull that spans the middle of the time observed (S.
-//! Moon, P. Skelly, D. Towsley: Estimation and removal of clock skew from network delay measurements, INFOCOM
-//! 1999). A delayed sample thus gets the time at which it was measured, not the time at which it was read.
-//! The delay of the fastest sample itself cannot be determined from arrivals.
+//! `tick` is the sensor's time or sample number, b the duration of a tick. A radio, a queue or a
+//! busy program delays samples. The fastest samples determine the clock: the line lies below all
+//! arrivals, along the edge of their lower convex hull that spans the middle of the observed time
+//! (S. Moon, P. Skelly, D. Towsley: Estimation and removal of clock skew from network delay
+//! measurements, INFOCOM 1999). A delayed sample thus gets its time of measurement. The delay of
+//! the fastest sample itself cannot be determined from arrivals.
 
 use std::collections::VecDeque;
 
-/// Time span of the arrivals used, s: long enough to distinguish a skew of 1e-5 from a delay of 1 ms, and
-/// short compared with the warm-up of a clock.
+/// Time span of the arrivals used, s: resolves a skew of 1e-5 under delays of 1 ms, and is short
+/// compared with the warm-up of a clock.
 const SPAN_S: f64 = 60.0;
 
-/// Minimum time span before the line is used, s: if the duration of a tick is known, and if it is not.
+/// Minimum time span before the line is used, s: with a known and an unknown duration of a tick.
 const SETTLED_S: [f64; 2] = [0.3, 0.6];
 
 /// Time span after which the duration of a tick counts as known, s.
 const SURE_S: f64 = 1.0;
 
-/// Tolerance of that duration, as a fraction of it: the error from delays of some ms in [`SURE_S`].
+/// Relative tolerance of that duration: the error from delays of some ms in [`SURE_S`].
 const SAME_TICK: f64 = 5e-3;
 
-/// Time after which a clock that is off the line counts as another clock, s.
+/// Time after which samples off the line mean another clock, s.
 const PATIENCE_S: f64 = 0.5;
 
-/// Number of delays kept for the error.
 const DELAYS: usize = 255;
 
-/// A running estimate of the line below arrivals.
 #[derive(Clone, Debug, Default)]
 pub struct ArrivalClock {
     /// Vertices of the lower hull of (tick, arrival).
@@ -40,31 +38,29 @@ pub struct ArrivalClock {
     newest: Option<(f64, f64)>,
     /// Duration of a tick, s, and its relative tolerance, if known.
     known: Option<(f64, f64)>,
-    /// The line: a tick, its time, s, and the duration of a tick, s.
+    /// The line: a tick, its time and the duration of a tick, s.
     line: Option<(f64, f64, f64)>,
-    /// The newest delays above the line, s.
     delays: VecDeque<f64>,
-    /// The newest samples (tick, arrival), if all of them are too far above the line to be on this clock.
+    /// The newest samples (tick, arrival), if all are too far above the line for this clock.
     adrift: Vec<(f64, f64)>,
 }
 
 impl ArrivalClock {
-    /// Creates a clock whose tick lasts `tick_s`, s, within the relative `tolerance`.
+    /// Creates a clock whose tick lasts `tick_s` within the relative `tolerance`.
     pub fn known(tick_s: f64, tolerance: f64) -> Self {
         Self { known: Some((tick_s, tolerance)), ..Self::default() }
     }
 
-    /// Returns a clock for a sensor that has restarted its count. It keeps the duration of a tick, if known.
+    /// Returns a clock for a sensor that has restarted its count; keeps a known duration of a tick.
     pub fn begun_anew(&self) -> Self {
         let tick_s = self.tick_s().filter(|_| self.span_s() >= SURE_S);
         tick_s.map_or_else(Self::default, |tick_s| Self::known(tick_s, SAME_TICK))
     }
 
-    /// Adds the arrival of a sample. Ticks that do not increase are ignored.
+    /// Adds the arrival of a sample; ticks must increase, others are ignored.
     ///
-    /// `jump_s` is the distance from the line beyond which the sensor's clock is assumed to have been set, if
-    /// all samples of half a second lie later, or one sample lies earlier. For a sensor that counts samples
-    /// it is about their period.
+    /// The clock has been set if all samples of half a second lie more than `jump_s` above the
+    /// line, or one below it. For a sensor that counts samples, it is about their period.
     pub fn push(&mut self, tick: f64, arrival_s: f64, jump_s: f64) {
         if self.newest.is_some_and(|(last, _)| tick <= last) {
             return;
@@ -72,7 +68,7 @@ impl ArrivalClock {
         self.newest = Some((tick, arrival_s));
         let delay = self.time_s(tick).map(|time| arrival_s - time);
         if let Some(delay) = delay.filter(|_| self.is_settled()) {
-            // Far ahead of the line: either all samples so far were delayed, or the clock was set.
+            // Far ahead of the line: the clock was set, or all earlier samples were delayed.
             if delay < -jump_s && self.span_s() >= SURE_S {
                 *self = self.begun_anew();
                 return self.push(tick, arrival_s, jump_s);
@@ -106,11 +102,9 @@ impl ArrivalClock {
         self.line = self.fitted();
     }
 
-    /// Returns the line along the middle edge of the hull, within the tolerance of a known tick.
     fn fitted(&self) -> Option<(f64, f64, f64)> {
         let (first, last) = (self.hull.front()?, self.hull.back()?);
-        // The middle by arrival: samples that were held up and arrived all at once are then at the side,
-        // however many they are.
+        // The middle by arrival: delayed samples that arrived all at once are then at the side.
         let middle = f64::midpoint(first.1, last.1);
         let after = self.hull.partition_point(|(_, arrival_s)| *arrival_s < middle).max(1);
         let (&left, &right) = (self.hull.get(after - 1)?, self.hull.get(after)?);
@@ -120,25 +114,21 @@ impl ArrivalClock {
         if within == per_tick {
             return Some((left.0, left.1, per_tick));
         }
-        // The line with this slope that touches the hull from below.
         let above =
             |(tick, arrival_s): &(f64, f64)| (arrival_s - left.1) - within * (tick - left.0);
         let touched = self.hull.iter().min_by(|a, b| above(a).total_cmp(&above(b)))?;
         Some((touched.0, touched.1, within))
     }
 
-    /// Returns true if enough samples have arrived to use the times.
     pub fn is_settled(&self) -> bool {
         self.line.is_some() && self.span_s() >= SETTLED_S[usize::from(self.known.is_none())]
     }
 
-    /// Returns the time span of the arrivals used, s.
     fn span_s(&self) -> f64 {
         let span = self.hull.front().zip(self.hull.back());
         span.map_or(0.0, |(first, last)| last.1 - first.1)
     }
 
-    /// Returns the time of a tick on this computer's clock, s.
     pub fn time_s(&self, tick: f64) -> Option<f64> {
         let (origin, time_s, per_tick) = self.line?;
         Some(time_s + per_tick * (tick - origin))
@@ -148,8 +138,7 @@ impl ArrivalClock {
         self.line.map(|(.., per_tick)| per_tick)
     }
 
-    /// Returns the error of the times, s: the median delay above the line, without the constant part of the
-    /// delay.
+    /// Returns the error of the times, s: the median delay above the line.
     pub fn error_s(&self) -> f64 {
         let mut delays: Vec<f64> = self.delays.iter().copied().collect();
         let middle = delays.len() / 2;
@@ -160,8 +149,7 @@ impl ArrivalClock {
     }
 }
 
-/// Returns true if the middle of three points, ordered from left to right, lies below the line through the
-/// outer ones.
+/// Returns true if the middle point lies below the line through the outer ones.
 fn is_convex(left: (f64, f64), middle: (f64, f64), right: (f64, f64)) -> bool {
     (middle.0 - left.0) * (right.1 - left.1) > (middle.1 - left.1) * (right.0 - left.0)
 }
@@ -200,7 +188,7 @@ mod tests {
         let mut clock = ArrivalClock::default();
         for tick in 0..2000_u32 {
             let sent = f64::from(tick) * 1e-3;
-            // The first 0.3 s of samples are read all at once, at 1.25 s; the samples between are lost.
+            // The first 0.3 s of samples arrive at 1.25 s; those in between are lost.
             if !(300..1250).contains(&tick) {
                 clock.push(f64::from(tick), sent.max(1.25), 1.5e-3);
             }
@@ -227,7 +215,7 @@ mod tests {
         let mut arrival = 0.0;
         for tick in 0..3000_u32 {
             arrival = f64::from(tick) * 1e-3;
-            // 40 samples are lost without being counted; later 60 are counted that were never sent.
+            // 40 samples are lost uncounted; later 60 are counted that were never sent.
             let lost = if tick > 1000 { 40.0 } else { 0.0 } - if tick > 2000 { 60.0 } else { 0.0 };
             let tick = f64::from(tick) - lost;
             clock.push(tick, arrival, 1.5e-3);

@@ -1,7 +1,7 @@
-//! The boards behind a port: several on one radio channel, each with its own stream.
+//! The boards behind a port, each with its own stream.
 //!
-//! A base station in API mode names the module of each packet, so every module's frames are decoded
-//! separately. Behind a transparent base station, packets name their board from version 3 of the protocol on.
+//! A base station in API mode names each packet's module, so modules are decoded separately. Behind
+//! a transparent one, packets name their board from version 3 of the protocol on.
 
 use std::time::Duration;
 
@@ -9,15 +9,14 @@ use super::reception::{BoardFrame, Losses, Reception};
 use shared_proto::xbee::{Address, ApiFrame, Deframer};
 use shared_proto::{Decoder, Event, Framing, Protocol, Status, skinproc};
 
-/// Maximum number of modules, and of boards, that are distinguished: more than a channel has capacity for.
+/// Maximum number of modules, and of boards: more than a radio channel has capacity for.
 const MOST: usize = 256;
 
-/// Splits bytes into packets.
 #[derive(Clone, Debug)]
 pub(crate) struct PacketWire {
     /// For a base station in API mode.
     deframer: Option<Deframer>,
-    /// A decoder per module behind it; otherwise the single decoder of a wire or transparent radio.
+    /// A decoder per module, or a single one for a wire or transparent radio.
     modules: Vec<(Option<Address>, Decoder)>,
 }
 
@@ -30,8 +29,8 @@ impl PacketWire {
         Self { deframer, modules: Vec::new() }
     }
 
-    /// Decodes bytes, in slices of any size. Calls `sink` with every event, and with the address and signal
-    /// strength of its module if a base station reports them.
+    /// Decodes bytes, in slices of any size. `sink` gets every event, with the address and signal
+    /// strength of its module if known.
     pub(crate) fn feed(
         &mut self,
         bytes: &[u8],
@@ -58,39 +57,33 @@ impl PacketWire {
     }
 }
 
-/// The identity of a packet's sender.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct BoardSource {
     /// Address of the module, if the base station is in API mode.
     pub address: Option<Address>,
-    /// The board's name in its packets, if the base station is transparent and the protocol has names.
+    /// The board's name in its packets, behind a transparent base station.
     pub board: Option<u16>,
 }
 
 #[derive(Clone, Debug)]
 pub struct HeardBoard {
     pub sender: BoardSource,
-    /// Frames not taken yet.
     pub frames: Vec<BoardFrame>,
-    /// Decoding state and losses.
     pub(crate) reception: Reception,
-    /// Arrival time of the newest packet.
     pub(crate) heard_at: Option<Duration>,
     /// The initial state of the stream, if this program started it.
     pub(crate) started: Option<Status>,
 }
 
-/// Decodes the bytes of a port to the frames of each board.
 #[derive(Clone, Debug)]
 pub struct Boards {
     wire: Wire,
-    /// The boards, in the order in which they were first heard.
+    /// The boards in the order in which they were first heard.
     pub heard: Vec<HeardBoard>,
     /// Packets of boards beyond [`MOST`].
     beyond: u64,
 }
 
-/// Splits the bytes into packets.
 #[derive(Clone, Debug)]
 enum Wire {
     Packets(PacketWire),
@@ -106,12 +99,11 @@ impl Boards {
         Self { wire, heard: Vec::new(), beyond: 0 }
     }
 
-    /// Decodes bytes, in slices of any size, with their arrival time if known, see [`Reception::arrived_at`].
+    /// Decodes bytes, in slices of any size, with their arrival ([`Reception::arrived_at`]).
     pub fn feed(&mut self, bytes: &[u8], arrival: Option<Duration>) {
         let Self { wire, heard, beyond } = self;
         let take = |address: Option<Address>, rssi, event: Event| {
             let Event::Packet(received) = event else { return };
-            // A module has one board.
             let board = received.origin.map(|origin| origin.board).filter(|_| address.is_none());
             match board_of(heard, BoardSource { address, board }) {
                 None => *beyond += 1,
@@ -135,13 +127,12 @@ impl Boards {
         }
     }
 
-    /// Ends the stream: the original board's last scan waits until then for a next one, see also
-    /// [`Reception::finish`].
+    /// Ends the stream: releases the original board's last scan, see also [`Reception::finish`].
     pub fn finish(&mut self) {
         if let (Wire::Original(decoder), [board]) = (&mut self.wire, &mut self.heard[..]) {
             decoder.finish(|scan| board.reception.take_scan(&scan, &mut board.frames));
         }
-        // If other boards are heard, a single frame may be damage and is not a board.
+        // A single frame beside other boards may be damage.
         let is_alone = self.heard.len() == 1;
         for board in &mut self.heard {
             if is_alone || board.reception.has_begun() {
@@ -150,8 +141,7 @@ impl Boards {
         }
     }
 
-    /// Returns the losses of a board so far. Damaged bytes are counted per module; on a wire they
-    /// cannot be attributed to a board.
+    /// Returns the losses of a board. On a wire, damaged bytes cannot be attributed to a board.
     pub fn losses_of(&self, sender: BoardSource) -> Losses {
         let board = self.heard.iter().find(|board| board.sender == sender);
         let mut losses = board.map(|board| board.reception.losses()).unwrap_or_default();
@@ -162,7 +152,6 @@ impl Boards {
         losses
     }
 
-    /// Returns the losses of all boards so far.
     pub fn losses(&self) -> Losses {
         let mut losses = Losses { unknown: self.beyond, ..Losses::default() };
         self.heard.iter().for_each(|board| losses += board.reception.losses());
@@ -191,7 +180,6 @@ fn board_of(heard: &mut Vec<HeardBoard>, sender: BoardSource) -> Option<&mut Hea
     heard.get_mut(at).filter(|board| board.sender == sender)
 }
 
-/// Returns a decoder's damage as losses.
 fn damage(decoder: &Decoder) -> Losses {
     let counters = decoder.counters;
     Losses {
@@ -203,9 +191,8 @@ fn damage(decoder: &Decoder) -> Losses {
 }
 
 impl BoardSource {
-    /// Returns the board's name in a log's path.
     pub(crate) fn text(self) -> String {
-        // Addresses in hexadecimal digits, as in `X-CTU` and the manuals.
+        // Hexadecimal, as in `X-CTU` and the manuals.
         match self.address {
             Some(Address::Short(short)) => format!("{short:04x}"),
             Some(Address::Long(long) | Address::Zigbee { long, .. }) => format!("{long:016x}"),

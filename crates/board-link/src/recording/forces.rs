@@ -1,4 +1,4 @@
-//! Forces in addition to the readings, by the [force pipeline](forces), as frames arrive.
+//! Forces in addition to the readings, by the [force pipeline](forces).
 
 use super::reception::BoardFrame;
 use calibration::Calibration;
@@ -8,33 +8,28 @@ use forces::{FirstRows, ForceError, ForceOptions, ForcePipeline, ForceStream, Pi
 use shared_proto::CHANNELS;
 use shell_data::wrench::{Axes, Axis, AxisValues, PerAxis};
 
-/// A calibration that does not suit the board's data.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum UnsuitableCalibration {
-    /// The calibration has another number of channels.
     #[error("the calibration is for {0} channels, a board has {CHANNELS}")]
     Channels(usize),
-    /// The board converts readings itself.
     #[error("the board streams wrenches, so there are no readings to apply a calibration to")]
     Wrenches,
 }
 
-/// Settings of the conversion from readings to forces during a recording.
 #[derive(Clone, Debug)]
 pub struct LiveForces {
     pub calibration: Calibration,
-    /// Options of the conversion; the low-pass is always applied forward only.
+    /// The low-pass is always applied forward only.
     pub options: ForceOptions,
 }
 
-/// Conversion of arriving frames to forces.
 #[derive(Clone, Debug)]
 pub struct RunningForces {
     calibration: Calibration,
     options: ForceOptions,
     stage: ForceStage,
     memory: Option<MemoryState>,
-    /// The stationary intervals, if the tare follows them.
+    /// Finds stationary intervals, if the tare follows them.
     rests: Option<StationaryFinder>,
     newest: Option<PerAxis<f64>>,
 }
@@ -53,23 +48,16 @@ enum ForceStage {
     },
 }
 
-/// The force of one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Force {
     pub wrench: PerAxis<f64>,
     /// Bit i is set if channel i was outside the calibrated range.
     pub out_of_range: u64,
-    /// A tare is enabled, but was not known yet.
     pub untared: bool,
-    /// A low-pass is enabled, but its clock was not known yet.
     pub unfiltered: bool,
 }
 
 impl RunningForces {
-    /// Creates the conversion.
-    ///
-    /// # Errors
-    /// [`UnsuitableCalibration`] if the calibration has another number of channels.
     pub fn new(live: LiveForces) -> Result<Self, UnsuitableCalibration> {
         let channels = live.calibration.channels();
         if channels != CHANNELS {
@@ -87,7 +75,7 @@ impl RunningForces {
     /// Computes the forces of frames that hold readings.
     ///
     /// # Errors
-    /// [`ForceError`] if the low-pass is impossible at the rate of the frames.
+    /// [`ForceError`] if the low-pass is impossible at their rate.
     pub fn of(&mut self, frames: &[BoardFrame]) -> Result<Vec<Force>, ForceError> {
         let times_s: Vec<f64> = frames.iter().map(|frame| frame.time_us as f64 / 1e6).collect();
         let mut readings = columns(frames);
@@ -119,8 +107,7 @@ impl RunningForces {
         Ok(forces)
     }
 
-    /// Returns the standard errors of the forces of such frames in N and N·m, without the reduction by the
-    /// low-pass; `None` if the calibration has none.
+    /// Returns the calibration's standard errors of frames, N and N·m, without the low-pass.
     pub fn standard_errors(&self, frames: &[BoardFrame]) -> Option<PerAxis<Vec<f64>>> {
         let tare = match &self.stage {
             ForceStage::Setup { .. } => None,
@@ -129,8 +116,7 @@ impl RunningForces {
         self.calibration.standard_errors(&columns(frames), tare)
     }
 
-    /// Converts the time of a frame's readings, µs, to the time of its force on the clock of the
-    /// calibration's reference.
+    /// Converts a frame's time, µs, to the time of its force on the reference's clock.
     pub fn moved_us(&self, time_us: i64) -> i64 {
         let lag = self.calibration.lag.filter(|lag| lag.time_base == TimeBase::Seconds);
         time_us + lag.map_or(0, |lag| (lag.by * 1e6).round() as i64)
@@ -144,8 +130,8 @@ impl RunningForces {
         self.newest.map(|wrench| self.axes().values(&wrench))
     }
 
-    /// Determines tare and clock if they are not known yet; returns the number of frames used. The filter is
-    /// then in the state that it would have if they had been known from the start.
+    /// Determines tare and clock if they are not known; returns the number of frames used. The
+    /// filter's state is then as if they had been known from the start.
     fn set_up(&mut self, times_s: &[f64], readings: &[Vec<f64>]) -> Result<usize, ForceError> {
         let ForceStage::Setup { setup, times_s: kept_s, readings: kept } = &mut self.stage else {
             return Ok(0);
@@ -171,7 +157,7 @@ impl RunningForces {
     }
 }
 
-/// Passes stationary intervals that end within these frames to the pipeline, if its tare follows them.
+/// Passes stationary intervals that end in these frames to the pipeline, if its tare follows them.
 fn follow(
     rests: &mut Option<StationaryFinder>,
     pipeline: &mut ForcePipeline,
@@ -180,7 +166,7 @@ fn follow(
     readings: &[Vec<f64>],
 ) {
     if let Some(finder) = rests {
-        // Without memory columns, which are irrelevant at rest.
+        // Memory columns do not matter while the sensor is still.
         let channels = &readings[..calibration.channels()];
         finder.look_at(times_s, channels, &mut |rest| pipeline.follow(calibration, rest));
     }

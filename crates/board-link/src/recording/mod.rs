@@ -4,14 +4,13 @@
 //! bytes ─ recognition ─▶ protocol ─ Boards ─ Reception ─▶ BoardFrame ─ RowWriter ─▶ CSV lines
 //! ```
 //!
-//! [`Boards`] splits the bytes into packets and has a [`Reception`] for every board. [`Reception`] unwraps
+//! [`Boards`] splits the bytes into packets, with a [`Reception`] for every board, which unwraps
 //! sequence numbers and clocks, finds restarts and removes frames that contradict their neighbours.
-//! `RowWriter` sorts the frames of a batch, marks gaps and adds forces if there is a calibration. The
-//! channels of a frame are interpolated to a common time. Missing frames are not interpolated: they have no
-//! row, and the next row counts them.
+//! `RowWriter` sorts the frames of a batch, marks gaps and adds forces. The channels of a frame are
+//! interpolated to a common time; a missing frame has no row, and the next row counts it.
 //!
-//! Readings are in steps of the 12-bit converter: unchanged for the original board, divided by
-//! [`shared_proto::COUNTS_PER_LSB`] for packets, so that a calibration suits both.
+//! Readings are in 12-bit steps for every board (packets are divided by
+//! [`shared_proto::COUNTS_PER_LSB`]), so that a calibration suits all.
 //!
 //! This module uses no files, ports or clocks: see [`crate`].
 

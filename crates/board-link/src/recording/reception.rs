@@ -10,7 +10,6 @@ use shared_proto::{
     Status, Timing, Values, skinproc,
 };
 
-/// Largest code of the original board's 12-bit converter.
 const FULL_SCALE: u16 = 4095;
 
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -22,17 +21,12 @@ pub struct BoardFrame {
     pub measured: Measured,
     /// Bit i is set if channel i was at an end of the converter's range.
     pub saturated: u8,
-    /// The board's count of frames that it did not take or could not send; wraps.
     pub dropped: u8,
-    /// True if the board has restarted before this frame.
     pub restarted: bool,
-    /// Times of the readings, if the board has reported them.
     pub timing: Option<Timing>,
-    /// The board's health, if reported since the previous frame.
     pub health: Option<Health>,
     /// An edge at the sync input since the previous frame, or one of several.
     pub edge: Option<BoardEdge>,
-    /// True if the readings are known to be of different times.
     pub skewed: bool,
     /// Signal strength at the base station in dBm, if reported.
     pub rssi_dbm: Option<i16>,
@@ -61,24 +55,18 @@ impl Measured {
     }
 }
 
-/// Counts of losses and irregularities.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Losses {
-    /// Frames that the board sent but that did not arrive.
+    /// Frames sent, but not received.
     pub missing: u64,
-    /// Number of runs of missing frames.
     pub gaps: u64,
-    /// Frames that arrived twice; they are written once.
     pub duplicates: u64,
-    /// Frames that arrived after a later one.
     pub reordered: u64,
-    /// Packets whose CRC did not match.
     pub bad_crc: u64,
-    /// Other damage: pieces that are not packets, bad API frames, frames that contradict their neighbours.
+    /// Pieces that are not packets, bad API frames, frames that contradict their neighbours.
     pub damaged: u64,
     /// Bytes outside scans (original board only).
     pub skipped_bytes: u64,
-    /// Packets of another version or of an unknown kind.
     pub unknown: u64,
     /// Frames that the board did not take or could not send.
     pub dropped_on_board: u64,
@@ -86,7 +74,6 @@ pub struct Losses {
     /// Edges at the sync input that the board did not send, or that were lost.
     #[serde(skip_serializing_if = "is_zero")]
     pub missing_edges: u64,
-    /// Edges that arrived after the last row.
     #[serde(skip_serializing_if = "is_zero")]
     pub edges_left_out: u64,
     /// Silences with a possibly greater loss than counted as missing.
@@ -95,7 +82,6 @@ pub struct Losses {
 }
 
 impl Losses {
-    /// Returns all counts, with their names in messages.
     fn counts(&mut self) -> [(&mut u64, &'static str); 13] {
         [
             (&mut self.missing, "missing"),
@@ -114,7 +100,6 @@ impl Losses {
         ]
     }
 
-    /// Describes the losses.
     pub fn in_words(mut self) -> String {
         let lost =
             self.counts().into_iter().filter(|(count, what)| **count > 0 && !what.is_empty());
@@ -141,12 +126,10 @@ impl std::ops::AddAssign for Losses {
     }
 }
 
-/// Omits the count for recordings without long silences.
 fn is_zero(count: &u64) -> bool {
     *count == 0
 }
 
-/// Converts the packets of one board to frames.
 #[derive(Clone, Debug, Default)]
 pub struct Reception {
     timeline: Timeline,
@@ -155,31 +138,24 @@ pub struct Reception {
     contradicted: u64,
     last_dropped: Option<u8>,
     dropped_on_board: u64,
-    /// The run of the newest packet, if the board reports it.
     pub(crate) start: Option<u16>,
-    /// The board's message at its last start, if any.
     pub(crate) boot: Option<Boot>,
     pub(crate) identity: Option<Identity>,
-    /// The board's state, if reported since its last start.
     pub(crate) status: Option<Status>,
     timing: Option<Timing>,
-    /// A health report that no frame carries yet.
     health: Option<Health>,
     edges: EdgeTracker,
     host_us: Option<u64>,
-    /// Number of scans of the original board so far.
     scans: i64,
 }
 
 impl Reception {
-    /// Sets the arrival time of the packets that follow, by a monotonic clock of the host. It determines the
-    /// length of long silences.
+    /// Sets the arrival time of the next packets, monotonic, which shows the length of silences.
     pub fn arrived_at(&mut self, now: Duration) {
         self.host_us = Some(u64::try_from(now.as_micros()).unwrap_or(u64::MAX));
     }
 
-    /// Takes a packet with its signal strength in −dBm, if known, and appends the resulting frames without
-    /// duplicates.
+    /// Takes a packet, with its signal strength in −dBm if known, and appends its new frames.
     pub fn take(
         &mut self,
         received: ReceivedPacket,
@@ -212,7 +188,6 @@ impl Reception {
         }
     }
 
-    /// Handles a packet of another run than the previous one.
     fn run_begins(&mut self, start: Option<u16>) {
         if self.start.is_some() || start.is_none() {
             self.edges.restart();
@@ -230,7 +205,6 @@ impl Reception {
             Values::Wrench(wrench) => Measured::Wrench(wrench.map(f64::from)),
         };
         let (timing, health) = (self.timing, self.health.take());
-        // Number and time follow from its position.
         let frame = BoardFrame::new(0, 0, measured);
         let frame = BoardFrame { saturated, dropped, timing, health, rssi_dbm, ..frame };
         let arrived = (stamp, frame);
@@ -280,7 +254,7 @@ impl Reception {
         frames.push(BoardFrame { index, time_us, restarted, edge, ..frame });
     }
 
-    /// Takes a scan of the original board. Scans have no numbers; a clock that goes back means a restart.
+    /// Takes a scan of the original board. A clock that goes back means a restart.
     pub(crate) fn take_scan(&mut self, scan: &skinproc::Scan, frames: &mut Vec<BoardFrame>) {
         let (index, sequence) = (self.scans, self.scans as u16);
         self.scans += 1;
@@ -312,7 +286,6 @@ impl Reception {
         self.timeline.has_begun()
     }
 
-    /// Returns the losses so far, excluding damage.
     pub fn losses(&self) -> Losses {
         let Timeline { tracker, uncertain, .. } = &self.timeline;
         Losses {
@@ -332,7 +305,6 @@ impl Reception {
 }
 
 impl BoardFrame {
-    /// Creates a frame with default values for all other fields.
     pub fn new(time_us: i64, index: i64, measured: Measured) -> Self {
         Self { time_us, index, measured, ..Self::default() }
     }

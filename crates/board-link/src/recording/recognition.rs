@@ -5,7 +5,7 @@ use std::time::Duration;
 use shared_proto::xbee::Mode;
 use shared_proto::{Decoder, Event, Framing, Protocol, detect};
 
-/// The protocols of a stream, each with its name and a description.
+/// The protocols with their names and descriptions.
 pub const PROTOCOLS: [(&str, &str, Protocol); 4] = [
     ("cobs", "Packets over a wire or a transparent XBee", Protocol::Packets(Framing::Cobs)),
     ("xbee-ap1", "Packets over an XBee in API mode", Protocol::Packets(Framing::Xbee(Mode::Plain))),
@@ -22,20 +22,18 @@ pub fn protocol_name(protocol: Protocol) -> &'static str {
     named.map(|(name, ..)| *name).expect("every protocol has a name")
 }
 
-/// Number of bytes that suffices for detection: half a second at 100 Hz has 1,500.
+/// Sufficient bytes for detection: half a second at 100 Hz has 1,500.
 const ENOUGH: usize = 2048;
 
-/// Time after the first byte at which fewer bytes have to suffice. It adds to the loss by a kill, so it is
-/// short; a board at 100 Hz sends two dozen frames in it.
+/// Time after which fewer bytes have to suffice: two dozen frames at 100 Hz, lost by a kill.
 const PATIENCE: Duration = Duration::from_millis(250);
 
 /// Bytes and time without a frame after which detection gives up.
 const HOPELESS: (usize, Duration) = (1 << 16, Duration::from_secs(3));
 
-/// Minimum number of bytes for that verdict: a frame of the longest kind and the start of the next.
+/// Minimum number of bytes for that verdict: the longest frame and the start of the next.
 const SOME: usize = 100;
 
-/// Detects the protocol of a stream.
 #[derive(Clone, Debug, Default)]
 pub struct Recognition {
     asked_for: Option<Protocol>,
@@ -43,19 +41,15 @@ pub struct Recognition {
     first_at: Option<Duration>,
 }
 
-/// Why there is no frame of the requested protocol.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoFrame {
-    /// Not a single byte arrived.
     #[error("nothing arrived")]
     Silence,
-    /// Packets, but none with readings or forces.
     #[error("the board is there, but sends no frames")]
     NotStreaming,
-    /// No protocol matches the bytes; their number.
+    /// No protocol matches this number of bytes.
     #[error("bytes arrive ({0} so far) but no valid frame")]
     Any(usize),
-    /// Frames of another protocol than the requested one, in `bytes` bytes.
     #[error(
         "no valid frame of framing `{}` in {bytes} bytes; they are framed `{}`",
         protocol_name(*asked_for), protocol_name(*found)
@@ -64,13 +58,12 @@ pub enum NoFrame {
 }
 
 impl Recognition {
-    /// Creates a detector. With a protocol `asked_for`, no other is accepted.
     pub fn new(asked_for: Option<Protocol>) -> Self {
         Self { asked_for, ..Self::default() }
     }
 
-    /// Takes bytes that arrived at time `now`. Returns the protocol and all bytes since the start of the
-    /// stream, which are still to be decoded; `None` as long as more bytes are needed.
+    /// Takes bytes that arrived at `now`; returns the protocol once detected, with all bytes so
+    /// far.
     ///
     /// # Errors
     /// [`NoFrame`] once frames are unlikely to come.
@@ -98,9 +91,6 @@ impl Recognition {
     }
 
     /// Ends the stream: returns its protocol, `None` if no byte arrived.
-    ///
-    /// # Errors
-    /// [`NoFrame`].
     pub fn finish(&mut self) -> Result<Option<(Protocol, Vec<u8>)>, NoFrame> {
         match self.bytes.is_empty() {
             true => Ok(None),
@@ -126,7 +116,7 @@ impl Recognition {
     }
 }
 
-/// Returns the version of the packets if none has this program's version.
+/// Returns the version of the packets, if all have another than this program's.
 pub(crate) fn other_version(protocol: Protocol, bytes: &[u8]) -> Option<u8> {
     let Protocol::Packets(framing) = protocol else { return None };
     let mut decoder = Decoder::new(framing);

@@ -25,42 +25,32 @@ use super::reception::BoardFrame;
 pub struct ReferenceSample {
     /// Number that continues across wraps and restarts of the sensor.
     pub number: i64,
-    /// Time on the sensor's clock in any unit, or the sensor's number, if it sends either.
+    /// The sensor's time in any unit, or else its number, if it sends either.
     pub tick: Option<f64>,
-    /// True for the first sample after the sensor has restarted its count.
     pub restarted: bool,
     pub arrival: Instant,
-    /// Forces in N, moments in N·m, 0 for axes that are not measured; `None` if the sensor reports an error.
+    /// N and N·m, 0 for axes that are not measured; `None` if the sensor has an error.
     pub wrench: Option<PerAxis<f64>>,
     /// The sensor's status word, 0 if all is well.
     pub status: u32,
-    /// Number of samples lost so far.
     pub missing: u64,
 }
 
-/// Counts of a reference's samples and losses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct ReferenceCounts {
-    /// Distinct samples that arrived.
     pub samples: u64,
-    /// Samples that were sent and did not arrive.
     pub missing: u64,
-    /// Samples that arrived after a later one.
     pub late: u64,
     pub duplicates: u64,
-    /// Restarts of the sensor's count.
     pub restarts: u64,
-    /// Samples whose status word is not 0.
     pub with_status: u64,
-    /// Datagrams, frames and lines that are damaged.
     pub damaged: u64,
-    /// Samples without a time that arrived together with a later one. Their age is unknown, so they are in no
-    /// row.
+    /// Samples without a time that arrived together with a later one: of unknown age, so in no row.
     pub untimed: u64,
 }
 
 impl ReferenceCounts {
-    /// Describes the losses in words; `none lost` without losses.
+    /// Describes the losses; `none lost` without any.
     pub fn in_words(&self) -> String {
         let Self { missing, late, duplicates, restarts, with_status, damaged, untimed, .. } = *self;
         let counts = [
@@ -81,7 +71,6 @@ impl ReferenceCounts {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ReferenceState {
     pub counts: ReferenceCounts,
-    /// The reason why the reference has ended, if it has.
     pub problem: Option<String>,
 }
 
@@ -107,15 +96,12 @@ pub struct RecordedReference {
     #[serde(flatten)]
     pub counts: ReferenceCounts,
     pub rows_without: u64,
-    /// Error of the reference's times on the board's clock at the end, s, without the constant parts of both
-    /// delays.
+    /// Error of times on the board's clock, s, without the constant parts of both delays.
     pub clock_error_s: f64,
-    /// The reason why the reference ended before the recording, if it did.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub problem: Option<String>,
 }
 
-/// A sample and its time on this computer's clock.
 #[derive(Clone, Debug)]
 struct TimedSample {
     time_s: f64,
@@ -125,50 +111,43 @@ struct TimedSample {
 /// Maximum number of samples that wait for frames: 8 s at 8 kHz.
 const MOST_SAMPLES: usize = 1 << 16;
 
-/// Age at which a sample is dropped, since no frame is expected for it any more, s. A radio may delay frames
-/// for that long.
+/// Age at which samples are dropped, s: no radio delays their frame for that long.
 const OLDEST_S: f64 = 5.0;
 
-/// Maximum time that a frame waits for the reference, s: longer than the reference's clock takes to settle.
+/// Maximum time that a frame waits for the reference, s: longer than its clock takes to settle.
 const PATIENCE_S: f64 = 1.0;
 
 /// Relative tolerance of the board's clock: some boards have no crystal.
 const BOARD_CLOCK: f64 = 0.02;
 
-/// Distance of samples from the line of the reference's clock, in periods, that means another clock.
+/// Distance from the line of the reference's clock that means another clock, in periods.
 const JUMP_PERIODS: f64 = 1.5;
 
-/// Distance of frames from the line of the board's clock, s, that means another clock. A radio is never that
-/// much faster.
+/// Distance from the board's clock that means another clock, s: more than any radio's delay.
 const BOARD_JUMP_S: f64 = 1.0;
 
-/// A reference that is recorded with a board.
 #[derive(Debug)]
 pub(crate) struct ReferenceBeside {
     input: ReferenceInput,
-    /// The start of the recording.
     epoch: Instant,
     clock: ArrivalClock,
-    /// The board's clocks, each with the board's time, µs, from which it applies: the board may restart.
+    /// Clocks with the board's time, µs, from which each applies: the board may restart.
     board: VecDeque<(i64, ArrivalClock)>,
-    /// Samples that wait until their clock is settled, with their arrival times, s.
+    /// Samples that wait for a settled clock, with arrival times, s.
     pending: Vec<(f64, ReferenceSample)>,
     samples: VecDeque<TimedSample>,
-    /// The highest number of a sample in a row so far.
     last: Option<i64>,
     newest_s: f64,
     rows_without: u64,
     period_s: f64,
 }
 
-/// The reference's values in a row.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct BesideRow {
     pub(crate) wrench: Option<PerAxis<f64>>,
     pub(crate) number: i64,
     pub(crate) missing: u64,
     pub(crate) status: u32,
-    /// Time of the sample on the board's clock and its error, µs.
     pub(crate) time_us: i64,
     pub(crate) error_us: i64,
 }
@@ -193,7 +172,7 @@ impl ReferenceBeside {
         self.input.axes
     }
 
-    /// Takes the samples that have arrived; returns the newest wrench among them.
+    /// Takes the samples that have arrived; returns the newest wrench.
     pub(crate) fn listen(&mut self) -> Option<PerAxis<f64>> {
         let fresh: Vec<_> = self.input.samples.try_iter().collect();
         let newest = fresh.iter().rev().find_map(|sample| sample.wrench);
@@ -224,7 +203,7 @@ impl ReferenceBeside {
         newest
     }
 
-    /// Assigns times to the waiting samples if their clock is settled; otherwise drops them.
+    /// Assigns times to the waiting samples, or drops them if their clock is not settled.
     fn settle(&mut self) {
         let is_settled = self.clock.is_settled();
         for (arrival_s, sample) in std::mem::take(&mut self.pending) {
@@ -241,7 +220,6 @@ impl ReferenceBeside {
         self.samples.insert(at, TimedSample { time_s, sample });
     }
 
-    /// Returns the median time between the latest samples, s.
     fn period(&self) -> f64 {
         let last = self.samples.len().saturating_sub(64);
         let times: Vec<f64> = self.samples.range(last..).map(|of| of.time_s).collect();
@@ -253,7 +231,6 @@ impl ReferenceBeside {
         *steps.select_nth_unstable_by(middle, f64::total_cmp).1
     }
 
-    /// Takes the board's frames that have arrived, the last of them at `now_s`.
     pub(crate) fn see(&mut self, frames: &[BoardFrame], now_s: f64) {
         let restart = frames.iter().rev().find(|frame| frame.restarted);
         if let Some(first) = restart.or(frames.first().filter(|_| self.board.is_empty())) {
@@ -272,18 +249,16 @@ impl ReferenceBeside {
         of.or(self.board.front()).map(|(_, clock)| clock)
     }
 
-    /// Returns the time of a frame on this computer's clock, s.
     fn frame_s(&self, frame: &BoardFrame) -> Option<f64> {
         let clock = self.clock_at(frame.time_us).filter(|clock| clock.is_settled())?;
         clock.time_s(frame.time_us as f64 / 1e6)
     }
 
-    /// Returns the number of leading frames that may be written at `now_s`: the reference has reached them,
-    /// or they have waited for it long enough.
+    /// Returns how many leading frames are due: the reference has reached them, or they waited
+    /// enough.
     pub(crate) fn due(&self, frames: &[BoardFrame], now_s: f64) -> usize {
         let waits = |frame: &BoardFrame| match self.frame_s(frame) {
             Some(time_s) => time_s > self.newest_s && now_s - time_s < PATIENCE_S,
-            // The frame's clock is not settled yet.
             None => {
                 let is_newest = self.board.back().is_none_or(|(from, _)| *from <= frame.time_us);
                 is_newest && frames.len() < 4096
@@ -310,7 +285,7 @@ impl ReferenceBeside {
         if distance(&nearest) > 0.75 * self.period_s + 1e-3 {
             return None;
         }
-        // Losses are counted only now, since late samples have arrived by now.
+        // Counted only now, since late samples have arrived.
         let number = nearest.sample.number;
         let last = self.last.unwrap_or(number);
         let here = self.samples.range(..=at).rev().map(|of| of.sample.number);
@@ -327,10 +302,9 @@ impl ReferenceBeside {
         })
     }
 
-    /// Returns the error of the reference's times on the board's clock, s.
     fn error_s(&self) -> f64 {
         let board = self.board.back().map_or(0.0, |(_, clock)| clock.error_s());
-        // A sample without a clock may have been under way for up to one period.
+        // Without a clock, a sample may have been under way for one period.
         let own = if self.clock.is_settled() { self.clock.error_s() } else { self.period_s };
         board + own
     }
@@ -354,7 +328,7 @@ mod tests {
 
     use super::*;
 
-    /// A reference at 1 kHz, read late now and then, and a board at 100 Hz whose clock drifts.
+    /// A reference at 1 kHz, sometimes read late, and a board at 100 Hz whose clock drifts.
     #[test]
     fn every_row_has_the_sample_of_its_time() {
         let (sender, samples) = channel();
@@ -370,7 +344,7 @@ mod tests {
         let mut rows = 0;
         for ms in 0..20_000_u64 {
             let now_s = ms as f64 / 1e3;
-            // In every second the samples of 30 ms are read late, all at once.
+            // Every second, the samples of 30 ms are read late, all at once.
             let read_at = if ms % 1000 < 30 { ms - ms % 1000 + 30 } else { ms };
             let sample = ReferenceSample {
                 number: ms as i64,
@@ -381,7 +355,6 @@ mod tests {
                 status: 0,
                 missing: 0,
             };
-            // Samples 5000 to 5099 are lost.
             if !(5000..5100).contains(&ms) {
                 sender.send(sample).unwrap();
             }

@@ -6,34 +6,32 @@
 //! t_s,s1,…,s8,[fx_n,…,mz_nm,]flags                                           the original board
 //! ```
 //!
-//! Behind a base station in API mode, `rssi_dbm` precedes the flags: the signal strength of the packet.
-//! HEALTH is `temperature_c,supply_v,vrefint,dark1,…,dark8`. It is in the first row after a health report,
-//! about once a second, and empty elsewhere, except that the temperature is repeated until the next report.
-//! `vrefint` and `dark` are in steps of the converter.
+//! Behind a base station in API mode, `rssi_dbm` precedes the flags. HEALTH is
+//! `temperature_c,supply_v,vrefint,dark1,…,dark8`: given in the first row after a report, about
+//! once a second, and empty elsewhere, except for the temperature, which is repeated. `vrefint` and
+//! `dark` are in steps.
 //!
-//! `sync` and `sync_s` are the number and time of an edge at the board's sync input, in the row after it, and
-//! empty elsewhere; `sync_s` is on the clock of `t_s`.
+//! `sync` and `sync_s` are number and time (clock of `t_s`) of a sync edge, in the row after it.
 //!
-//! `missing` counts the frames lost between this row and the previous one; `dropped` is the board's own
-//! count, which wraps at 256. `flags` is empty for a regular row. Flags are `s3:saturated` and `s3:range` as
-//! in the output of `convert`, `late` for a frame that came after a later one was written, `skewed` if the
-//! channels could not be aligned to a common time, `restart` if the board has restarted, `untared` and
-//! `unfiltered` while the tare and the clock of the forces were still being determined. These rows are not
-//! delayed, so their forces come from the calibration alone. Later rows match `convert` with a causal
-//! low-pass. `mark1`, `mark2`, … are marks set by the user.
+//! `missing` counts the frames lost between this row and the previous one; `dropped` is the board's
+//! own count, which wraps at 256. `flags` is empty for a regular row. Flags are `s3:saturated` and
+//! `s3:range` as in the output of `convert`, `late` for a frame that came after a later one was
+//! written, `skewed` if the channels could not be aligned to a common time, `restart` if the board
+//! has restarted, `untared` and `unfiltered` while the tare and the clock of the forces were still
+//! being determined: these forces come from the calibration alone, later ones match `convert` with
+//! a causal low-pass. `mark1`, `mark2`, … are marks set by the user.
 //!
-//! With a reference sensor, `fx_n` … `mz_nm` are the wrench as the reference sent it, from the sample
-//! measured closest in time to the frame. They are empty if no sample is close, or if the sensor reports an
-//! error. These columns precede the flags:
+//! With a reference sensor, `fx_n` … `mz_nm` are its wrench, from the sample closest in time to the
+//! frame, or empty if none is close or the sensor reports an error. These columns precede the
+//! flags:
 //!
 //! - `ref_index`: the number of the sample;
-//! - `ref_missing`: the number of samples lost between the samples of the previous row and of this one;
+//! - `ref_missing`: the number of samples lost since the sample of the previous row;
 //! - `ref_status`: the sensor's status word;
 //! - `ref_t_s`: the time of the sample, on the clock of `t_s`;
 //! - `ref_t_error_s`: the error of that time, without the constant parts of both delays.
 //!
-//! If stretches are labelled during the recording, as planned loads are, `group` precedes the flags; it is
-//! empty in rows outside the stretches.
+//! If blocks of time are labelled, as planned loads are, `group` precedes the flags.
 
 use std::collections::VecDeque;
 
@@ -48,21 +46,20 @@ use shell_data::block::FrameLabel;
 use shell_data::escape::csv_field;
 use shell_data::wrench::Axes;
 
-/// Marks and labels for frames that are not written yet.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Annotations {
-    /// Pending marks, each for the first row from the frame of an index on.
+    /// Pending marks, each for the first row from this frame on.
     pub(crate) marks: VecDeque<(i64, u32)>,
     pub(crate) labels: Vec<FrameLabel>,
-    /// The index of the first frame that may still be labelled.
+    /// Index of the first frame that may still be labelled.
     pub(crate) settled: Option<i64>,
 }
 
 #[derive(Clone, Debug)]
 pub(crate) struct RowWriter {
-    /// True if frames hold readings; otherwise wrenches of the board.
+    /// True for readings, false for wrenches of the board.
     holds_readings: bool,
-    /// True if frames have sequence numbers, as for all but the original board.
+    /// True for all but the original board.
     is_numbered: bool,
     pub(crate) forces: Option<RunningForces>,
     last_index: Option<i64>,
@@ -70,14 +67,13 @@ pub(crate) struct RowWriter {
     simultaneous: Simultaneous,
     reference: Option<Axes>,
     has_rssi: bool,
-    /// The last reported temperature, °C.
     temperature_c: Option<f64>,
 }
 
 impl RowWriter {
-    /// Creates a writer for frames like `first`. `numbered` frames have sequence numbers, and `forces` adds a
-    /// calibration's forces. `as_sampled` leaves the channels at their sampling times, `has_labels` adds a
-    /// column for labels, and the axes of a `reference` add its columns in place of the forces.
+    /// Creates a writer for frames like `first`. `numbered` frames have sequence numbers, `forces`
+    /// adds a calibration's forces, `as_sampled` leaves the channels at their sampling times,
+    /// `has_labels` adds a column for labels, and the axes of a `reference` replace the forces.
     ///
     /// # Errors
     /// [`UnsuitableCalibration`] if the calibration does not suit the frames.
@@ -132,7 +128,6 @@ impl RowWriter {
         names.join(",") + "\n"
     }
 
-    /// Returns the axes of the wrench that are written.
     fn axes(&self) -> Axes {
         match &self.forces {
             _ if !self.holds_readings => Axes::ALL,
@@ -142,11 +137,8 @@ impl RowWriter {
         }
     }
 
-    /// Appends the rows of a batch of frames, sorted by index, and empties it. Until `ended`, the last frames
-    /// may wait for later ones. Returns the number of frames left out because they do not match the columns.
-    ///
-    /// # Errors
-    /// [`ForceError`] if the low-pass is impossible at the rate of the frames.
+    /// Appends the rows of a batch of frames, sorted by index, and empties it. Until `ended`, the
+    /// last frames may wait. Returns the number of frames that do not match the columns.
     pub(crate) fn write(
         &mut self,
         frames: &mut Vec<BoardFrame>,
@@ -219,10 +211,9 @@ impl RowWriter {
     }
 }
 
-/// The columns of a reference, without its wrench.
 const REFERENCE: [&str; 5] = ["ref_index", "ref_missing", "ref_status", "ref_t_s", "ref_t_error_s"];
 
-/// Writes the wrench of a reference, or empty fields if it has none.
+/// Writes the wrench of a reference, or empty fields.
 fn write_reference_wrench(axes: Axes, beside: Option<&BesideRow>, text: &mut Vec<u8>) {
     match beside.and_then(|row| row.wrench) {
         Some(wrench) => write_numbers(&axes.of(&wrench), text),
@@ -230,7 +221,6 @@ fn write_reference_wrench(axes: Axes, beside: Option<&BesideRow>, text: &mut Vec
     }
 }
 
-/// Writes the other columns of a reference, or empty fields if no sample is close.
 fn write_reference(beside: Option<&BesideRow>, text: &mut Vec<u8>) {
     let Some(row) = beside else { return text.extend([b','; REFERENCE.len()]) };
     text.extend_from_slice(format!(",{},{},{},", row.number, row.missing, row.status).as_bytes());
@@ -239,7 +229,6 @@ fn write_reference(beside: Option<&BesideRow>, text: &mut Vec<u8>) {
     write_time(row.error_us, text);
 }
 
-/// Writes a time in s with all digits of the µs.
 pub fn write_time(time_us: i64, text: &mut Vec<u8>) {
     let sign = if time_us < 0 { "-" } else { "" };
     let (whole, part) = (time_us.unsigned_abs() / 1_000_000, time_us.unsigned_abs() % 1_000_000);
@@ -256,7 +245,7 @@ fn write_numbers(values: &[f64], text: &mut Vec<u8>) {
     }
 }
 
-/// Writes the health fields, empty without a report, except for the last reported temperature.
+/// Writes the health fields, empty without a report except for the last temperature.
 fn write_health(health: Option<&Health>, temperature_c: &mut Option<f64>, text: &mut Vec<u8>) {
     let mut write = |value: Option<f64>| match value {
         Some(value) => write_numbers(&[value], text),
@@ -274,7 +263,6 @@ fn write_health(health: Option<&Health>, temperature_c: &mut Option<f64>, text: 
     write_numbers(&dark.map(steps), text);
 }
 
-/// Writes the fields of an edge at the sync input, or empty ones without an edge.
 fn write_edge(edge: Option<&BoardEdge>, text: &mut Vec<u8>) {
     let Some(BoardEdge { number, time_us }) = edge else { return text.extend(b",,") };
     text.extend_from_slice(format!(",{number},").as_bytes());

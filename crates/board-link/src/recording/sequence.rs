@@ -1,53 +1,43 @@
-//! Order of numbered samples: detection of missing, duplicate and late ones; and times of edges at the sync
-//! input.
+//! Order of numbered samples, missing, duplicate and late ones; and times of sync edges.
 
 use std::collections::VecDeque;
 
 use shared_proto::Edge;
 
-/// Maximum distance behind the newest sample at which a late sample can be distinguished from a repeat.
-///
-/// XBee modules hold a few packets for retransmission, never this many.
+/// Maximum distance at which a late sample can be distinguished from a repeat. XBee modules hold
+/// only a few packets for retransmission.
 pub(super) const WINDOW: u32 = u128::BITS;
 
-/// How a sample arrived.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Arrival {
     /// Newer than all before; samples in between have not arrived (yet).
     InOrder,
     /// Older than the newest; counted as missing until now.
     Late,
-    /// Arrived before.
     Duplicate,
 }
 
 /// Unwraps 16-bit sequence numbers and counts missing, duplicate and late samples.
 ///
-/// It keeps a window of bits over the newest numbers, like the anti-replay service of RFC 4303 §3.4.3. A step
-/// of 32,768 or more cannot be distinguished from a backward step.
+/// It keeps a window of bits over the newest numbers, like RFC 4303 §3.4.3. A step of 32,768 or
+/// more looks like a backward step.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Tracker {
-    /// Newest index; `None` before the first sample.
     newest: Option<i64>,
     oldest: i64,
     /// Bit i: index `newest - i` has arrived.
     arrived: u128,
     distinct: u64,
     missing_before_restart: u64,
-    /// Difference between index and unwrapped number.
     offset: i64,
-    /// Number of runs of missing samples at the time when a newer one came.
+    /// Runs of missing samples, counted when a newer one came.
     pub(super) gaps: u64,
-    /// Samples that had arrived before.
     pub(super) duplicates: u64,
-    /// Samples that came after a newer one.
     pub(super) reordered: u64,
-    /// Number of times that the numbering began again.
     pub(super) restarts: u64,
 }
 
 impl Tracker {
-    /// Returns the number of missing samples between the oldest and the newest.
     pub(super) fn missing(&self) -> u64 {
         self.missing_before_restart + self.missing_since_restart()
     }
@@ -56,8 +46,7 @@ impl Tracker {
         self.newest.map_or(0, |newest| ((newest - self.oldest + 1) as u64) - self.distinct)
     }
 
-    /// Handles a restart of the board: the next sample follows the newest with `lost` samples lost in
-    /// between, and starts a new numbering.
+    /// Handles a restart: the next sample follows with `lost` in between, and a new numbering.
     pub(super) fn restart(&mut self, lost: u64) {
         let Some(newest) = self.newest else { return };
         self.missing_before_restart = self.missing() + lost;
@@ -67,8 +56,7 @@ impl Tracker {
         self.offset = newest.saturating_add_unsigned(lost) + 1;
     }
 
-    /// Takes a sample sent `sent` samples after the newest, a distance that its number alone does not
-    /// determine.
+    /// Takes a sample sent `sent` after the newest, a distance that its number alone does not show.
     pub(super) fn advance(&mut self, sent: u64) -> (i64, Arrival) {
         let index = self.newest.unwrap_or(self.offset - 1).saturating_add_unsigned(sent);
         self.newest = Some(index);
@@ -78,9 +66,8 @@ impl Tracker {
         (index, Arrival::InOrder)
     }
 
-    /// Returns the index of a sample, which does not wrap, and how it arrived.
-    ///
-    /// The first index is the sequence number itself; a late sample can precede it.
+    /// Returns the unwrapped index of a sample, and how it arrived. The first index is the sequence
+    /// number; a late sample can precede it.
     pub(super) fn position(&mut self, sequence: u16) -> (i64, Arrival) {
         let Some(newest) = self.newest else {
             let first = if self.offset == 0 { i64::from(sequence) } else { self.offset };
@@ -118,26 +105,23 @@ impl Tracker {
     }
 }
 
-/// Maximum number of edges that wait for a row. A board sends at most a few hundred per second, and has at
-/// least a row every ten seconds.
+/// Maximum number of edges that wait for a row, which comes at least every ten seconds; a board
+/// sends a few hundred per second.
 const MOST_WAITING: usize = 4096;
 
-/// An edge at the board's sync input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BoardEdge {
-    /// The number of edges that the board had seen before, unwrapped.
+    /// Number of earlier edges, unwrapped.
     pub number: i64,
-    /// Time of the edge on the clock of the frames, µs.
     pub time_us: i64,
 }
 
-/// Arrived edges that wait for frames; every frame carries at most one.
+/// Edges that wait for frames; every frame carries at most one.
 #[derive(Clone, Debug, Default)]
 pub(super) struct EdgeTracker {
     tracker: Tracker,
     /// Number, unwrapped, and the board's clock.
     waiting: VecDeque<(i64, u32)>,
-    /// Edges that no frame carries.
     left_out: u64,
 }
 
@@ -154,26 +138,23 @@ impl EdgeTracker {
         self.waiting.push_back((number, edge.clock_us));
     }
 
-    /// Handles a start of the board: its numbers begin again, and no frame follows its earlier edges.
+    /// Handles a start of the board: numbers begin again, and no frame carries earlier edges.
     pub(super) fn restart(&mut self) {
         self.tracker.restart(0);
         self.left_out += self.waiting.drain(..).count() as u64;
     }
 
-    /// Returns the edge for a frame with this clock and time. The clock wraps every 71.6 min; an edge is
-    /// within half of that of its frame.
+    /// Returns a frame's edge. The clock wraps every 71.6 min; the edge is within half of that.
     pub(super) fn give(&mut self, clock_us: u32, time_us: i64) -> Option<BoardEdge> {
         let (number, at_us) = self.waiting.pop_front()?;
         let since_us = i64::from(at_us.wrapping_sub(clock_us).cast_signed());
         Some(BoardEdge { number, time_us: time_us + since_us })
     }
 
-    /// Returns the number of edges that the board has seen but that are lost.
     pub(super) fn missing(&self) -> u64 {
         self.tracker.missing()
     }
 
-    /// Returns the number of edges that arrived but that no frame carries.
     pub(super) fn left_out(&self) -> u64 {
         self.left_out + self.waiting.len() as u64
     }
@@ -243,7 +224,7 @@ mod tests {
         for (number, clock_us) in [(65_535, u32::MAX - 9), (65_535, u32::MAX - 9), (0, 20)] {
             edges.take(Edge { number, clock_us });
         }
-        // A frame at clock 10, which is 5 s on the time axis of the recording.
+        // Clock 10 is 5 s on the time axis of the recording.
         let at = |number, time_us| Some(BoardEdge { number, time_us });
         assert_eq!(edges.give(10, 5_000_000), at(65_535, 4_999_980));
         assert_eq!(edges.give(110, 5_000_100), at(65_536, 5_000_010));
@@ -255,7 +236,7 @@ mod tests {
     }
 
     proptest! {
-        // Compares with bookkeeping by sets over numbers that do not wrap.
+        // Compares with sets of numbers that do not wrap.
         #[test]
         fn counts_equal_those_of_a_record_of_all_arrivals(
             start in 0..65_536_i64,
@@ -266,9 +247,9 @@ mod tests {
             let mut next = start;
             let mut first = None;
             for (ahead, behind) in steps {
-                // The first number is as the tracker gets it, below 65,536.
+                // The tracker gets the first number below 65,536.
                 next += if first.is_some() { ahead } else { 0 };
-                // Not before the first, which would look like a restart.
+                // A number before the first would look like a restart.
                 let number = (next - behind).max(first.unwrap_or(next));
                 first.get_or_insert(number);
                 let arrival = tracker.position(number as u16);

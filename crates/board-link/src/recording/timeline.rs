@@ -1,43 +1,39 @@
 //! The position of a frame in its board's stream: number and time without the wraps.
 //!
-//! A sequence number wraps after 65,536 frames, the board's clock after 71.6 min. A frame *follows* another
-//! if number and clock have advanced consistently. A frame that does not follow the newest is held until the
-//! next arrives. If that follows the held frame, there was a silence or a restart. If not, the held frame was
-//! damage that passed the CRC, and neither time nor number change. The length of a silence is:
+//! A sequence number wraps after 65,536 frames, the board's clock after 71.6 min. A frame *follows*
+//! another if number and clock have advanced consistently. Otherwise it is held until the next
+//! arrives. If that follows the held frame, there was a silence or a restart; if not, the held
+//! frame was damage that passed the CRC. The length of a silence is:
 //!
 //! ```text
 //! elapsed = step of the clock + k · 2³² µs        k from the host's time
 //! sent    = step of the number + m · 2¹⁶          m from elapsed / period − dropped frames
 //! ```
 //!
-//! Without the host's time, as in a replay, k is assumed to be 0. The start number in the packets shows a
-//! restart. Version 2 of the protocol has no such number: there, a clock or a number that goes back means a
-//! restart, unless the host's time shows that the clock has wrapped.
+//! Without the host's time, as in a replay, k is assumed to be 0. The start number in the packets
+//! shows a restart. In version 2 of the protocol, without it, a clock or number that goes back
+//! means a restart, unless the host's time shows a wrap.
 
 use super::sequence::{Arrival, Tracker, WINDOW};
 
-/// Maximum number of frames in a short silence, whose length number and clock determine alone.
+/// Maximum number of frames in a silence whose length number and clock determine alone.
 const SHORT: u64 = 1 << 14;
 
-/// Tolerance between the host's and the board's time of a frame, in addition to one part in 64.
+/// Tolerance between the host's and the board's time, in addition to one part in 64.
 const HOST_SLACK_US: u64 = 2_000_000;
 
-/// Period of the clock's wrap.
 const TURN_US: u64 = 1 << 32;
 
-/// Period of the frame numbers' wrap.
 const NUMBERS: u64 = 1 << 16;
 
 /// Longer than any period that a board can be set to.
 const LONGEST_PERIOD_US: u64 = 11_000_000;
 
-/// The position data of a frame.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Stamp {
     pub(super) sequence: u16,
     pub(super) clock_us: u32,
     pub(super) dropped: u8,
-    /// The run of the board, if reported.
     pub(super) start: Option<u16>,
     pub(super) host_us: Option<u64>,
 }
@@ -47,7 +43,6 @@ struct FrameStep {
     sequence: u16,
     clock_us: u32,
     dropped: u8,
-    /// True if the board has restarted, if it reports that.
     is_new_run: Option<bool>,
     host_us: Option<u64>,
 }
@@ -63,7 +58,6 @@ impl Stamp {
         }
     }
 
-    /// Returns whether the next frame may follow soon after this one, at any rate.
     pub(super) fn precedes(&self, next: &Self) -> bool {
         Period::default().fits(&self.step_to(next))
     }
@@ -71,20 +65,16 @@ impl Stamp {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct FramePosition {
-    /// The sequence number, unwrapped.
     pub(super) index: i64,
     /// The board's time since its first observed start, µs.
     pub(super) time_us: i64,
     pub(super) arrival: Arrival,
-    /// True if the board has restarted before the frame.
     pub(super) restarted: bool,
 }
 
-/// The frames of one board in their order.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Timeline {
     pub(super) tracker: Tracker,
-    /// The newest frame in order, with its time.
     newest: Option<(Stamp, i64)>,
     period: Period,
     /// Silences with a possibly greater loss than counted as missing.
@@ -94,7 +84,6 @@ pub(super) struct Timeline {
 }
 
 impl Timeline {
-    /// Returns whether a frame follows the previous ones; false if there are none.
     pub(super) fn is_followed_by(&self, next: &Stamp) -> bool {
         self.newest.is_some_and(|(newest, _)| {
             let is_new_run = self.has_booted && newest.start.is_none();
@@ -102,7 +91,7 @@ impl Timeline {
         })
     }
 
-    /// Returns whether the clock has advanced, the only check possible for the original board.
+    /// Returns true if the clock has advanced, the only possible check of the original board.
     pub(super) fn is_forward(&self, next: &Stamp) -> bool {
         self.newest.is_none_or(|(newest, _)| newest.step_to(next).clock_us.cast_signed() >= 0)
     }
@@ -111,13 +100,12 @@ impl Timeline {
         self.newest.is_some()
     }
 
-    /// Handles the board's announcement of a start.
     pub(super) fn boot(&mut self) {
         self.has_booted = self.newest.is_some();
     }
 
-    /// Returns the position of a frame that follows the previous ones. Its time is the one nearest to the
-    /// newest frame's, so frames may be out of order.
+    /// Returns the position of a frame that follows, at the time nearest to the newest frame's,
+    /// since frames may be out of order.
     pub(super) fn follow(&mut self, stamp: Stamp) -> FramePosition {
         let (index, arrival) = self.tracker.position(stamp.sequence);
         let time_us = self.newest.map_or(i64::from(stamp.clock_us), |(newest, newest_us)| {
@@ -132,8 +120,7 @@ impl Timeline {
         FramePosition { index, time_us, arrival, restarted: false }
     }
 
-    /// Returns the position of a frame that does not follow the previous ones, but that another frame
-    /// follows.
+    /// Positions a frame that does not follow the previous ones, but is followed by another.
     pub(super) fn jump(&mut self, stamp: Stamp) -> FramePosition {
         let Some((newest, newest_us)) = self.newest else { return self.follow(stamp) };
         let step = newest.step_to(&stamp);
@@ -142,7 +129,7 @@ impl Timeline {
         }
         let elapsed_us = elapsed(&step);
         let sent = self.period.sent(&step, elapsed_us);
-        // Number and clock disagree if the board has paused, or takes frames at another rate.
+        // Number and clock disagree if the board has paused, or has another rate.
         let is_next = (1..16).contains(&step.sequence);
         self.uncertain += u64::from(sent.is_none() && !is_next);
         let sent = sent.unwrap_or_else(|| u64::from(step.sequence.max(1)));
@@ -152,8 +139,8 @@ impl Timeline {
         FramePosition { index, time_us, arrival, restarted: false }
     }
 
-    /// Positions the first frame after a restart. The board was off for the time that the host measured, at
-    /// least for the time since its start.
+    /// Positions the first frame after a restart. The board was off for the time that the host
+    /// measured, at least for the time since its start.
     fn restart(&mut self, stamp: Stamp, newest_us: i64, host_us: Option<u64>) -> FramePosition {
         let gap_us = host_us.unwrap_or(0).max(u64::from(stamp.clock_us));
         let lost = host_us.map_or(0, |_| self.period.count(gap_us).saturating_sub(1));
@@ -168,7 +155,6 @@ impl Timeline {
     }
 }
 
-/// Returns whether a step that does not fit one run is a restart.
 fn is_restart(step: &FrameStep) -> bool {
     let is_back = step.clock_us.cast_signed() <= 0;
     let is_soon = step.host_us.is_some_and(|host_us| host_us < TURN_US / 2);
@@ -188,14 +174,12 @@ fn is_restart(step: &FrameStep) -> bool {
     }
 }
 
-/// Returns the duration of a step within one run, including the wraps of the clock.
 fn elapsed(step: &FrameStep) -> u64 {
     let clock_us = u64::from(step.clock_us);
     let turns = step.host_us.map_or(0, |us| (us + TURN_US / 2).saturating_sub(clock_us) / TURN_US);
     clock_us + turns * TURN_US
 }
 
-/// Mean distance of frames.
 #[derive(Clone, Copy, Debug, Default)]
 struct Period {
     samples: u64,
@@ -203,7 +187,6 @@ struct Period {
 }
 
 impl Period {
-    /// Adds a step between two frames of one run of the board.
     fn observe(&mut self, step: &FrameStep) {
         /// A mean of so many is as accurate as it gets.
         const ENOUGH: u64 = 1 << 20;
@@ -211,7 +194,7 @@ impl Period {
         if samples == 0 || step.dropped != 0 {
             return;
         }
-        // The rate has changed by more than an eighth: earlier steps do not count any more.
+        // The rate has changed by more than an eighth: forget earlier steps.
         let expected = self.span_us.saturating_mul(samples);
         if (span_us * self.samples).abs_diff(expected) > expected / 8 {
             *self = Self::default();
@@ -224,8 +207,7 @@ impl Period {
         }
     }
 
-    /// Returns whether number and clock of a step agree: forwards, or back to a frame that was overtaken or
-    /// duplicated.
+    /// Returns true if number and clock of a step agree: forwards, or back to a late frame.
     fn fits(&self, step: &FrameStep) -> bool {
         let mut frames = i64::from(step.sequence.cast_signed());
         let mut us = i64::from(step.clock_us.cast_signed());
@@ -252,20 +234,18 @@ impl Period {
         frames < SHORT && step.is_new_run != Some(true) && is_in_step
     }
 
-    /// Returns the number of periods in a time, rounded.
     fn count(&self, us: u64) -> u64 {
         let periods = us.saturating_mul(self.samples).saturating_add(self.span_us / 2);
         periods.checked_div(self.span_us).unwrap_or(0)
     }
 
-    /// Returns the uncertainty of a count of periods in a time.
     fn slack(&self, us: u64) -> u64 {
         // A frame may start a sixteenth of a period late.
         2 + self.count(us) / (16 * self.samples.max(1))
     }
 
-    /// Returns the number of frames sent in a time, which equals the step of the number plus a multiple of
-    /// its wrap; `None` if no multiple fits.
+    /// Returns the number of frames sent in a time, the step of the number plus a multiple of its
+    /// wrap; `None` if no multiple fits.
     fn sent(&self, step: &FrameStep, elapsed_us: u64) -> Option<u64> {
         let (expected, slack) = (self.count(elapsed_us), self.slack(elapsed_us));
         if slack >= SHORT {
@@ -274,7 +254,7 @@ impl Period {
         let most = expected + slack;
         let sequence = u64::from(step.sequence);
         let sent = most.checked_sub((most.checked_sub(sequence)?) % NUMBERS)?;
-        // Frames not sent were dropped on the board, which counts them modulo 256.
+        // The board counts dropped frames modulo 256.
         let unsent = most - sent;
         let dropped = unsent.wrapping_sub(u64::from(step.dropped)) % 256;
         let fits = unsent <= 2 * slack + 256 && dropped <= 2 * slack;
@@ -290,7 +270,6 @@ mod tests {
         Stamp { sequence, clock_us, dropped: 0, start: Some(start), host_us }
     }
 
-    /// The state after a hundred frames of 10 ms.
     fn after_a_second() -> Timeline {
         let mut timeline = Timeline::default();
         for frame in 0..100 {
@@ -304,7 +283,7 @@ mod tests {
     #[test]
     fn a_paused_host_is_not_a_restart() {
         let mut timeline = after_a_second();
-        // 15 s later the frames that the system has buffered arrive, then the current ones.
+        // 15 s later, frames buffered by the system arrive before the current ones.
         let stale = stamp(100, 1_000_000, 1, Some(16_000_000));
         assert!(timeline.is_followed_by(&stale));
         assert_eq!(timeline.follow(stale).time_us, 1_000_000);

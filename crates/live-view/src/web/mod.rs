@@ -1,21 +1,18 @@
-//! A server of a single web page that sends events to browsers, as Server-Sent Events, and takes short
-//! orders.
+//! A server of a web page that sends events to browsers, as Server-Sent Events, and takes orders.
 //!
 //! ```text
 //! publish() ─▶ newest event ─▶ a thread for each listener ─▶ GET /events
 //! next_order() ◀─ queue ◀─ POST /ORDER                        GET / is the page
 //! ```
 //!
-//! Publishing never blocks: a slow listener gets the newest event when it is ready, and a listener that takes
-//! none is dropped. Memory is bounded by the number of connections, of waiting orders, and of bytes per
-//! request.
+//! Publishing never blocks: a slow listener gets the newest event when it is ready, and one that
+//! takes none is dropped. Connections, waiting orders and requests are bounded.
 //!
-//! An [`OpenDocument`] is for programs, which do not know the token: every client may read it. Every other
-//! request must carry the server's token, and a `Host` that no other site can have (`request`).
+//! Every client, such as a program without the token, may read an [`OpenDocument`]. Every other
+//! request must carry the token, and a `Host` that no other site can have (`request`).
 //!
-//! The server speaks plain HTTP 1.1 with one request per connection, without bodies, files or cookies. It is
-//! independent of the content shown. docs/adr/0009-live-in-a-browser.md explains why it uses no library and
-//! no WebSocket.
+//! The server speaks plain HTTP 1.1 with one request per connection, without bodies, files or
+//! cookies. docs/adr/0009-live-in-a-browser.md explains why it uses no library and no WebSocket.
 
 mod request;
 
@@ -29,11 +26,11 @@ use std::{fmt, ptr, thread};
 use request::{HttpRefusal, LONGEST, end_of_head, is_host_ours, is_same, parse};
 use shell_data::lock::lock;
 
-/// Maximum number of authorised connections; a page needs one, and briefly a second.
+/// Maximum authorised connections; a page needs one, and briefly a second.
 const CONNECTIONS: usize = 16;
 
-/// Maximum number of connections that have not sent the token yet. Another connection replaces the oldest. A
-/// client with the token sends it at once, so other clients cannot lock it out.
+/// Maximum connections that have not sent the token yet; the next replaces the oldest. A client
+/// with the token sends it at once, so others cannot lock it out.
 const STRANGERS: usize = 32;
 
 const ORDERS: usize = 64;
@@ -41,22 +38,20 @@ const ORDERS: usize = 64;
 /// Timeout of a request's arrival, and of a write.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// Interval without events after which a listener gets an empty comment, which detects closed connections.
+/// Silence after which a listener gets an empty comment, which detects closed connections.
 const KEEP_ALIVE: Duration = Duration::from_secs(2);
 
-/// Maximum time that the end waits until listeners are notified.
+/// Maximum wait until listeners know of the end.
 const GOODBYE: Duration = Duration::from_millis(500);
 
-/// Stack size of a connection's thread, bytes.
 const STACK: usize = 256 * 1024;
 
 /// A document without secrets, for programs that do not know the token.
 #[derive(Clone)]
 pub struct OpenDocument {
-    /// Path: `/name`.
+    /// `/name`.
     pub path: &'static str,
     pub content_type: &'static str,
-    /// Returns the current text.
     pub text: Arc<dyn Fn() -> String + Send + Sync>,
 }
 
@@ -66,22 +61,18 @@ impl fmt::Debug for OpenDocument {
     }
 }
 
-/// Content of the server.
 #[derive(Clone, Debug, Default)]
 pub struct Site {
     pub page: String,
     /// Nonce of the page's scripts and styles; others are not run.
     pub nonce: String,
-    /// Token that every request has to carry in the address: `?token=…`. If it is empty, only the open
-    /// documents are served.
+    /// `?token=…`, required in every request. If empty, only open documents are served.
     pub token: String,
-    /// The available orders: `mark` is `POST /mark`.
+    /// `mark` is `POST /mark`.
     pub orders: Vec<&'static str>,
-    /// Documents for clients without the token.
     pub open: Vec<OpenDocument>,
 }
 
-/// A server that listens until the process ends.
 #[derive(Debug)]
 pub struct Server {
     shared: Arc<ServerShared>,
@@ -93,9 +84,7 @@ struct ServerShared {
     site: Site,
     state: Mutex<ServerState>,
     changed: Condvar,
-    /// Cloned for each authorised connection, to count them.
     connections: Arc<()>,
-    /// Cloned for each listener to events, to count them.
     listeners: Arc<()>,
 }
 
@@ -104,7 +93,7 @@ struct ServerState {
     /// The newest event in wire format, and its number.
     event: Arc<str>,
     number: u64,
-    /// Connections without the token so far, oldest first; their threads own them.
+    /// Connections without the token, oldest first; their threads own them.
     strangers: VecDeque<Weak<TcpStream>>,
     orders: VecDeque<&'static str>,
     ended: bool,
@@ -112,9 +101,6 @@ struct ServerState {
 
 impl Server {
     /// Listens at an address; port 0 selects a free port.
-    ///
-    /// # Errors
-    /// The system's error.
     pub fn start(at: SocketAddr, site: Site) -> io::Result<Self> {
         let listener = TcpListener::bind(at)?;
         let address = listener.local_addr()?;
@@ -139,12 +125,10 @@ impl Server {
         self.address
     }
 
-    /// Returns true if any client listens to events.
     pub fn has_listeners(&self) -> bool {
         others(&self.shared.listeners) > 0
     }
 
-    /// Publishes a line of text as the newest event.
     pub fn publish(&self, line: &str) {
         // Text of several lines becomes several data lines.
         let data: String = line.lines().map(|line| format!("data: {line}\n")).collect();
@@ -157,7 +141,7 @@ impl Server {
         self.shared.state().orders.pop_front()
     }
 
-    /// Signals the end to the listeners, and waits briefly for the signal to arrive.
+    /// Tells the listeners, and waits briefly for that to arrive.
     pub fn end(self) {
         self.shared.state().ended = true;
         self.shared.changed.notify_all();
@@ -169,16 +153,13 @@ impl Server {
 }
 
 impl ServerShared {
-    /// Locks the state. A panicked thread leaves it consistent: no operation under the lock can fail half
-    /// way.
+    /// Locks the state, which a panic leaves consistent: no step under the lock can fail half way.
     fn state(&self) -> MutexGuard<'_, ServerState> {
         lock(&self.state)
     }
 
-    /// Starts a thread for a connection. If too many connections have not sent the token, the oldest of them
-    /// is closed, which ends its thread.
+    /// Starts a thread for a connection. Too many connections without the token close the oldest.
     fn admit(self: &Arc<Self>, stream: TcpStream) {
-        // A connection without timeouts is refused.
         if stream.set_write_timeout(Some(PATIENCE)).is_err() || stream.set_nodelay(true).is_err() {
             return;
         }
@@ -193,14 +174,13 @@ impl ServerShared {
         }
         strangers.push_back(Arc::downgrade(&stream));
         let serve = move || {
-            // An error usually means that the browser has gone; there is no one to tell.
+            // An error usually means that the browser has gone.
             let _ = shared.serve(&stream);
         };
-        // If no thread can be started, the connection is closed, and the browser tries again.
+        // Without a thread the connection is closed, and the browser tries again.
         let _ = thread::Builder::new().name("browser".to_owned()).stack_size(STACK).spawn(serve);
     }
 
-    /// Reads and answers the request of a connection, which is not authorised at first.
     fn serve(&self, stream: &TcpStream) -> io::Result<()> {
         let (mut buffer, mut place) = ([0; LONGEST], None);
         match self.answer(stream, &mut place, &mut buffer) {
@@ -211,8 +191,7 @@ impl ServerShared {
         close(stream, &mut buffer)
     }
 
-    /// Answers a request; `place` is set if the connection is authorised, which counts it. The error is
-    /// `None` if the connection is closed, or no request was sent.
+    /// Answers a request; `place` is set if authorised. The error is `None` without a request.
     fn answer(
         &self,
         stream: &TcpStream,
@@ -225,7 +204,7 @@ impl ServerShared {
             *place = Some(self.take_in(stream)?);
             return self.send_document(stream, document).map_err(|_| None);
         }
-        // HTTP 1.0 does not require a `Host`, so such a request cannot be checked.
+        // HTTP 1.0 has no required `Host` to check.
         let host = request.host.ok_or(HttpRefusal::VERSION)?;
         if self.site.token.is_empty() {
             return Err(Some(HttpRefusal::NOT_FOUND));
@@ -254,7 +233,6 @@ impl ServerShared {
         sent.map_err(|_| None)
     }
 
-    /// Returns a place for an authorised connection, unless all are taken.
     fn take_in(&self, stream: &TcpStream) -> Result<Arc<()>, HttpRefusal> {
         let mut state = self.state();
         state.strangers.retain(|other| !ptr::eq(other.as_ptr(), stream));
@@ -295,9 +273,8 @@ impl ServerShared {
 
     fn send_events(&self, mut stream: &TcpStream) -> io::Result<()> {
         send_head(stream, "200 OK", "Content-Type: text/event-stream\r\n")?;
-        // Delay in ms before the browser reconnects after a lost connection.
+        // Delay in ms before the browser reconnects.
         stream.write_all(b"retry: 500\n\n")?;
-        // Events from before the connection are outdated.
         let mut seen = self.state().number;
         let _listener = Arc::clone(&self.listeners);
         while let Some(event) = self.next_event(&mut seen) {
@@ -306,8 +283,7 @@ impl ServerShared {
         stream.write_all(b"event: end\ndata:\n\n")
     }
 
-    /// Returns the newest event that was not seen, or an empty one after a while without events; `None` at
-    /// the end.
+    /// Returns the newest event not yet seen, or an empty one after a while; `None` at the end.
     fn next_event(&self, seen: &mut u64) -> Option<Arc<str>> {
         let state = self.state();
         let is_idle = |state: &mut ServerState| state.number == *seen && !state.ended;
@@ -324,12 +300,11 @@ impl ServerShared {
     }
 }
 
-/// Returns the number of other clones.
 fn others(places: &Arc<()>) -> usize {
     Arc::strong_count(places) - 1
 }
 
-/// Reads up to the empty line. The error is `None` if the connection is closed, or no request was sent.
+/// Reads up to the empty line. The error is `None` without a request.
 fn read_head<'a>(
     mut stream: &TcpStream,
     buffer: &'a mut [u8; LONGEST],
@@ -363,8 +338,7 @@ fn read_head<'a>(
     }
 }
 
-/// Sends the head of a response, which forbids caching and the disclosure of the address, which contains the
-/// token, to other sites.
+/// Sends a head that forbids caching, and disclosing the address with its token to other sites.
 fn send_head(mut stream: &TcpStream, status: &str, more: &str) -> io::Result<()> {
     let head = format!(
         "HTTP/1.1 {status}\r\nConnection: close\r\nCache-Control: no-store\r\nReferrer-Policy: no-referrer\r\n\
@@ -383,8 +357,8 @@ fn refuse(mut stream: &TcpStream, refusal: HttpRefusal) -> io::Result<()> {
     stream.write_all(format!("{text}\n").as_bytes())
 }
 
-/// Ends the response, and reads the client's remaining data for a moment: closing earlier would reset the
-/// connection, and the response could be lost.
+/// Ends the response, and reads the client's remaining data for a moment: an early close would
+/// reset the connection and lose the response.
 fn close(mut stream: &TcpStream, buffer: &mut [u8; LONGEST]) -> io::Result<()> {
     stream.shutdown(Shutdown::Write)?;
     stream.set_read_timeout(Some(Duration::from_millis(200)))?;
@@ -476,7 +450,7 @@ mod tests {
         }
     }
 
-    /// A publisher that waited for a listener that reads nothing would wait ten times for [`PATIENCE`].
+    /// Waiting for a listener that reads nothing would take ten times [`PATIENCE`].
     #[test]
     fn a_client_that_does_not_read_is_dropped_and_delays_no_other() {
         let server = server();
@@ -487,7 +461,7 @@ mod tests {
         // Each event exceeds the system's buffer of a connection.
         let filling = "x".repeat(32 << 20);
         thread::scope(|scope| {
-            // This listener reads all the time, so that it is not dropped even if publishing takes long.
+            // Reads all the time, so as not to be dropped if publishing takes long.
             scope.spawn(|| {
                 let mut line = String::new();
                 while line != "data: last\n" {
@@ -502,7 +476,6 @@ mod tests {
         });
         wait_for_listeners(&server, 1);
         drop(stuck);
-        // `end` signals the end and waits for it.
         server.end();
         let mut rest = String::new();
         reader.read_to_string(&mut rest).unwrap();

@@ -3,10 +3,10 @@
 use std::hint::black_box;
 use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr};
 
-/// Maximum length of a request's head, bytes; a browser's has about one thousand.
+/// In bytes; a browser's has about one thousand.
 pub(super) const LONGEST: usize = 8192;
 
-/// The response to a refused request: status code and phrase (RFC 9110), and a text for people.
+/// Status code and phrase (RFC 9110), and a text for people.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct HttpRefusal(pub(super) &'static str, pub(super) &'static str);
 
@@ -35,16 +35,14 @@ impl HttpRefusal {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Request<'a> {
-    /// `GET` or `POST`.
     pub(super) method: &'a str,
     pub(super) path: &'a str,
-    /// The value of `token=` in the address; empty if missing.
+    /// `token=` in the address; empty if missing.
     pub(super) token: &'a str,
-    /// The `Host` header; `None` for HTTP 1.0, which does not require it.
+    /// `None` for HTTP 1.0, which does not require it.
     pub(super) host: Option<&'a str>,
 }
 
-/// Returns the end of a request's head, including its empty line.
 pub(super) fn end_of_head(bytes: &[u8]) -> Option<usize> {
     bytes.windows(4).position(|window| window == b"\r\n\r\n").map(|position| position + 4)
 }
@@ -64,7 +62,7 @@ pub(super) fn parse(head: &[u8]) -> Result<Request<'_>, HttpRefusal> {
     let mut host = None;
     for line in lines {
         let (name, value) = line.split_once(':').ok_or(HttpRefusal::MALFORMED)?;
-        // A line that begins with a space would continue the previous one, which browsers no longer send.
+        // A line that begins with a space continued the previous one; browsers send none.
         if name.is_empty() || name.bytes().any(|byte| byte <= b' ' || byte >= 127) {
             return Err(HttpRefusal::MALFORMED);
         }
@@ -84,12 +82,12 @@ pub(super) fn parse(head: &[u8]) -> Result<Request<'_>, HttpRefusal> {
     }
     let (path, query) = target.split_once('?').unwrap_or((target, ""));
     let token = query.split('&').find_map(|pair| pair.strip_prefix("token=")).unwrap_or_default();
-    // HTTP 1.0 has no `Host`. Every browser speaks a later version.
+    // Every browser speaks a later version.
     let host = if version == "HTTP/1.0" { None } else { Some(host.ok_or(HttpRefusal::MALFORMED)?) };
     Ok(Request { method, path, token, host })
 }
 
-/// Returns true if two secrets are equal, in a time that does not depend on the position of a difference.
+/// Compares secrets in a time that does not depend on the position of a difference.
 pub(super) fn is_same(given: &str, secret: &str) -> bool {
     let pairs = given.bytes().zip(secret.bytes());
     let difference = pairs.fold(0, |difference, (a, b)| black_box(difference | (a ^ b)));
@@ -98,8 +96,7 @@ pub(super) fn is_same(given: &str, secret: &str) -> bool {
 
 /// Returns true for a `Host` that no other site can have: an address, or `localhost`.
 ///
-/// A page of another site could let its own name point to this machine ("DNS rebinding"), and the browser
-/// would then take it for this page. But the browser sends that name as the `Host`.
+/// Another site may let its name point here ("DNS rebinding"), but the browser sends it as `Host`.
 pub(super) fn is_host_ours(host: &str) -> bool {
     let bare = host.strip_prefix('[').and_then(|rest| rest.strip_suffix(']'));
     let (name, port) = host.split_once(':').unwrap_or((host, "0"));

@@ -1,6 +1,4 @@
-//! Studies of the beam channel: sweeps and grids of parameters.
-//!
-//! The model itself is the crate [`beam_channel`].
+//! Studies of the beam channel ([`beam_channel`]): sweeps and grids of parameters.
 
 mod parameter;
 mod summary;

@@ -1,5 +1,4 @@
-//! The parameters of a channel by name, for studies that vary any of them, and grids over all combinations of
-//! values.
+//! Parameters of a channel by name, and grids over all combinations of values.
 
 use beam_channel::{Setup, SetupError};
 
@@ -9,16 +8,14 @@ use Dimension::{Angle, Length, Number, Pressure};
 
 #[derive(Clone, Copy, Debug)]
 pub struct Parameter {
-    /// Its name on the command line.
     pub name: &'static str,
     pub dimension: Dimension,
     position: Position,
 }
 
-/// Accesses the field of a set-up that holds the parameter.
 type Position = fn(&mut Setup) -> &mut f64;
 
-/// The physical dimension of a parameter, with its SI unit.
+/// The physical dimension, with its SI unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Dimension {
     /// m.
@@ -32,11 +29,10 @@ pub enum Dimension {
 }
 
 impl Parameter {
-    /// Distance between the tips of opposite beams.
     pub const WIDTH: Self = Self::new("width", Length, |setup| &mut setup.channel.width_m);
 
-    /// All parameters: semi-axes of the body along and across its path; channel and beam; offset of the body
-    /// from the middle of the channel and rotation of its nose, both to the left.
+    /// Semi-axes of the body along and across its path; channel and beam; the body's offset from
+    /// the middle and rotation of its nose, both to the left.
     pub const ALL: [Self; 11] = [
         Self::new("rx", Length, |setup| &mut setup.ellipse.semi_length_m),
         Self::new("ry", Length, |setup| &mut setup.ellipse.semi_width_m),
@@ -59,7 +55,6 @@ impl Parameter {
         Self::ALL.into_iter().find(|parameter| parameter.name == name)
     }
 
-    /// The name of a column of its values, with the unit.
     pub fn column(self) -> String {
         let unit = match self.dimension {
             Length => "_m",
@@ -70,36 +65,30 @@ impl Parameter {
         self.name.replace('-', "_") + unit
     }
 
-    /// Its value in a set-up, SI.
     pub fn get(self, setup: &Setup) -> f64 {
         *(self.position)(&mut setup.clone())
     }
 
-    /// Sets its value in a set-up. All others keep their values, so a wider body then reaches further between
-    /// the beams.
+    /// Other values stay, so a wider body reaches further between the beams.
     pub fn set(self, setup: &mut Setup, value: f64) {
         *(self.position)(setup) = value;
     }
 }
 
-/// A parameter with the values it takes.
 #[derive(Clone, Debug)]
 pub struct GridAxis {
     pub parameter: Parameter,
-    /// Its values, SI.
+    /// SI.
     pub values: Vec<f64>,
 }
 
-/// One combination of values.
 #[derive(Clone, Debug)]
 pub struct GridCell {
-    /// A value for every axis.
     pub values: Vec<f64>,
     pub outcome: Result<ChannelSummary, SetupError>,
 }
 
-/// Every combination of the values of `axes`, with the last axis changing fastest; other parameters as in
-/// `setup`.
+/// Returns every combination of the values, the last axis changing fastest, around `setup`.
 pub fn grid<'a>(setup: &'a Setup, axes: &'a [GridAxis]) -> impl Iterator<Item = GridCell> + 'a {
     let count: usize = axes.iter().map(|axis| axis.values.len()).product();
     (0..count).map(move |mut number| {
@@ -135,7 +124,6 @@ mod tests {
             [(0.0, 0.001), (0.0, 0.027), (0.0, 0.05), (0.53, 0.001), (0.53, 0.027), (0.53, 0.05)];
         assert_eq!(values, expected);
         assert!(matches!(cells[3].outcome, Err(SetupError::Jams { .. })));
-        // The reference value of the crate's tests.
         let mean = cells[4].outcome.as_ref().unwrap().mean_drag_n.unwrap();
         assert!((mean / 0.108734173433852 - 1.0).abs() < 1e-12);
     }

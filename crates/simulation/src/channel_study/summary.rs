@@ -1,4 +1,4 @@
-//! The summary of a channel: the figures of its plateau, its energy, and diagnostics of their reliability.
+//! Summary of a channel: its plateau, its energy, and diagnostics of their reliability.
 
 use beam_channel::{Model, Setup, SetupError, Side, Wall};
 use serde::Serialize;
@@ -6,78 +6,56 @@ use serde::Serialize;
 /// A channel in a few figures. Pairs are for the left and the right wall.
 #[derive(Clone, Debug, Serialize)]
 pub struct ChannelSummary {
-    /// Distance between the tips of opposite beams, in m.
     pub width_m: f64,
-    /// Maximum deflection of the tips by a body in the middle, in m; negative if it passes without contact.
+    /// Maximum deflection of the tips by a body in the middle, m; negative without contact.
     pub deflection_m: f64,
-    /// Position of the body's middle when it touches the first beam, in m past that beam.
+    /// Position of the body's middle when it touches the first beam, m past that beam.
     pub first_contact_m: Option<f64>,
-    /// Position of the body's middle when the last beam slips off.
     pub last_contact_m: Option<f64>,
-    /// The range of positions in which the body is wholly among the beams, in m.
+    /// Positions in which the body is wholly among the beams, m.
     pub plateau_m: Option<[f64; 2]>,
-    /// Mean drag on the plateau in N; zero without contact, `None` without a plateau.
+    /// Mean drag on the plateau, N; zero without contact, `None` without a plateau.
     pub mean_drag_n: Option<f64>,
-    /// The greatest drag on the plateau in N.
     pub peak_drag_n: Option<f64>,
-    /// The first position of the greatest drag, in m.
     pub peak_x_m: Option<f64>,
-    /// The smallest drag on the plateau in N.
     pub minimum_drag_n: Option<f64>,
-    /// The first position of the smallest drag, in m.
     pub minimum_x_m: Option<f64>,
-    /// Mean number of touching beams on the plateau.
     pub mean_contacts: Option<[f64; 2]>,
-    /// The smallest number of touching beams.
     pub min_contacts: Option<[u32; 2]>,
-    /// The greatest number of touching beams.
     pub max_contacts: Option<[u32; 2]>,
-    /// Work on all beams in one crossing, in J.
     pub energy_j: f64,
-    /// Mean drag from the first contact to the last in N, which is the window of a trial; zero without
-    /// contact.
+    /// Mean drag from the first contact to the last, N: the window of a trial.
     pub crossing_drag_n: f64,
-    /// Diagnostics of the figures' reliability.
     pub remarks: Vec<ChannelDiagnostic>,
 }
 
-/// A reason to doubt a result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, thiserror::Error)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum ChannelDiagnostic {
-    /// The deflection exceeds the length of a beam: `d > L`.
     #[error(
         "the body reaches past the line of the bases, and beams turn past 90°: the model is not valid there"
     )]
     PastRightAngle,
-    /// Tips snap across a part of the body.
     #[error("tips snap across a part of the body on which they cannot rest")]
     Snaps,
-    /// A yawed body touches faces before tips.
     #[error(
         "the body is yawed so far that it meets the beams' faces before their tips: not in the model"
     )]
     FacesFirst,
-    /// Beams lie flat against the body.
     #[error(
         "beams bend until their faces touch the body: the true drag is larger (`--beam plate`)"
     )]
     FaceContact,
-    /// The body is never wholly among the beams.
     #[error("the channel is shorter than the body: there is no plateau")]
     NoPlateau,
-    /// The plateau is shorter than one spacing.
     #[error(
         "the plateau is shorter than the spacing of the beams: its figures are those of a longer channel"
     )]
     ShortPlateau,
 }
 
-/// Computes the summary of a channel.
-///
-/// # Errors
-/// [`SetupError`] if the set-up is invalid, or the body jams.
+/// Computes the summary; an error if the set-up is invalid, or the body jams.
 pub fn summarise(setup: &Setup) -> Result<ChannelSummary, SetupError> {
     Ok(ChannelSummary::new(&Model::new(setup)?))
 }

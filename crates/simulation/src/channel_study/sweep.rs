@@ -3,35 +3,27 @@
 use beam_channel::{Model, Total};
 use serde::Serialize;
 
-/// Equally spaced positions of a body's middle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Course {
-    /// The first position in m past the first beam.
     pub from_m: f64,
-    /// The distance between positions in m.
     pub step_m: f64,
     pub count: usize,
 }
 
-/// The forces at one position.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct SweepRow {
-    /// Position of the body's middle in m past the first beam.
+    /// Position of the body's middle, m past the first beam.
     pub x_m: f64,
-    /// Drag in N, `−F_drag` of the paper.
+    /// Drag, N: `−F_drag` of the paper.
     pub drag_n: f64,
-    /// Force to the left in N.
     pub fy_n: f64,
-    /// Moment about the body's middle in N·m.
     pub mz_nm: f64,
-    /// Number of touching beams of the left wall.
     pub contacts_left: u32,
-    /// Number of touching beams of the right wall.
     pub contacts_right: u32,
 }
 
 impl Course {
-    /// Positions from `from_m` to `to_m`, both included, every `step_m`.
+    /// Includes both `from_m` and `to_m`.
     pub fn new(from_m: f64, to_m: f64, step_m: f64) -> Self {
         // Count a last step that fits except for rounding.
         let count = ((to_m - from_m) / step_m * (1.0 + 1e-12)).floor().max(0.0) as usize + 1;
@@ -42,12 +34,10 @@ impl Course {
         (0..self.count).map(|i| self.from_m + self.step_m * i as f64)
     }
 
-    /// The forces of the beams on the body at every position.
     pub fn rows<'a>(&'a self, model: &'a Model) -> impl Iterator<Item = SweepRow> + 'a {
         self.positions().map(|x_m| {
             let Total { fx_n, fy_n, mz_nm, contacts: [contacts_left, contacts_right] } =
                 model.total(x_m);
-            // Avoids −0 without contact.
             let drag_n = 0.0 - fx_n;
             SweepRow { x_m, drag_n, fy_n, mz_nm, contacts_left, contacts_right }
         })

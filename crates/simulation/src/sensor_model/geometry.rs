@@ -1,29 +1,27 @@
-//! The positions of the reflectors after the plate has moved: exact rigid-body geometry.
+//! Positions of the reflectors after the plate has moved: exact rigid-body geometry.
 //!
-//! A photointerrupter at (x, y, 0) looks along +z. Its reflector is a plane through (x, y, gap) of the plate
-//! at rest, with a normal tilted out of z. The plate rotates by R and moves by d, so the plane goes through R
-//! p + d with normal R n, and the ray meets it at z = [(R n)·(R p + d) − (R n)ₓ x − (R n)ᵧ y] / (R n)_z.
+//! A photointerrupter at (x, y, 0) looks along +z. Without load, its reflector is a plane through p
+//! = (x, y, gap) with normal n, tilted out of z. The plate rotates by R and moves by d, so the
+//! plane goes through R p + d with normal R n, and the ray meets it at z = [(R n)·(R p + d) − (R
+//! n)ₓ x − (R n)ᵧ y] / (R n)_z.
 //!
-//! Not modelled: the size of the spot on the reflector, and the slightly lower return of a tilted reflector.
-//! Over the fraction of a millimetre that the plate moves, both are nearly constant and part of the channel's
-//! gain.
+//! Not modelled: the size of the spot, and the lower return of a tilted reflector. Over the plate's
+//! small travel both are nearly constant and part of the channel's gain.
 
 use super::springs::Displacement;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reflector {
-    /// Position of the photointerrupter on the board, m.
     pub position_m: [f64; 2],
-    /// Distance at rest, m.
+    /// Unloaded distance.
     pub gap_m: f64,
-    /// Rotation of the reflector about x, rad: it senses y (and z).
+    /// Rotation about x, rad: senses y (and z).
     pub tilt_x_rad: f64,
-    /// Rotation of the reflector about y, rad: it senses x (and z).
+    /// Rotation about y, rad: senses x (and z).
     pub tilt_y_rad: f64,
 }
 
 impl Reflector {
-    /// Unit normal at rest: z rotated about x, then about y.
     pub(super) fn normal(&self) -> [f64; 3] {
         let (sin_x, cos_x) = libm::sincos(self.tilt_x_rad);
         let (sin_y, cos_y) = libm::sincos(self.tilt_y_rad);
@@ -39,7 +37,7 @@ pub(super) struct RigidMotion {
 }
 
 impl RigidMotion {
-    /// Converts a displacement; its rotation is by Rodrigues' formula.
+    /// Converts a displacement, by Rodrigues' formula.
     pub(super) fn new(displacement: &Displacement) -> Self {
         let &[dx, dy, dz, rx, ry, rz] = displacement;
         let angle = (rx * rx + ry * ry + rz * rz).sqrt();
@@ -63,7 +61,7 @@ impl RigidMotion {
         self.rotation.map(row)
     }
 
-    /// Distance in m from the photointerrupter to `reflector`, whose normal at rest is `normal`.
+    /// Distance in m from the photointerrupter to `reflector`, whose unloaded normal is `normal`.
     pub(super) fn gap_m(&self, reflector: &Reflector, normal: &[f64; 3]) -> f64 {
         let [x, y] = reflector.position_m;
         let n = self.turn(normal);

@@ -1,12 +1,12 @@
-//! Loads as applied to a shell by hand, one contact after another, each a pose; and loads from a table.
+//! Loads applied to a shell by hand, each contact a pose; and loads from a table.
 //!
-//! The shell is half an ellipsoid of the robot's size (18 cm × 11 cm × 4.5 cm: Table I of the paper on the
-//! shell). In every pose a contact somewhere on it rises, dwells and falls, and sways a little, band-limited
-//! below 3 Hz. Poses alternate: a push, a pull with a twist (the shell held), a longer dwell at a push, taps.
-//! Contact points follow a low-discrepancy sequence (Roberts' R₂), so that even short recordings load every
-//! axis in both directions. Moments follow from force and position, as in real pushes.
+//! The shell is half an ellipsoid of the robot's size (18 cm × 11 cm × 4.5 cm: Table I of the paper
+//! on the shell). In every pose a contact rises, dwells and falls, and sways a little, band-limited
+//! below 3 Hz. Poses alternate: a push, a pull with a twist (the shell held), a longer dwell at a
+//! push, taps. Contact points follow a low-discrepancy sequence (Roberts' R₂), so that even short
+//! recordings load every axis in both directions. Moments follow from force and position.
 //!
-//! A load is a function of time alone, so several sensors with separate clocks can be under the same load.
+//! A load is a function of time alone, so sensors with separate clocks can share it.
 
 use std::f64::consts::{PI, TAU};
 
@@ -14,7 +14,6 @@ use crate::SimulationError;
 use shell_data::random::{Purpose, RandomStream};
 use shell_data::wrench::{PerAxis, cross};
 
-/// Time between contacts, s.
 pub(crate) const POSE_S: f64 = 2.0;
 
 /// Half-axes of the shell, m.
@@ -26,18 +25,14 @@ const REST_S: f64 = 0.1;
 const TAPS: u32 = 4;
 const TAP_S: f64 = 0.08;
 
-/// The load on the shell during a recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RecordingKind {
-    /// Loads for a calibration.
     Training,
-    /// Other loads, for a test of a calibration.
+    /// Loads different from every training recording.
     Test,
-    /// No load.
     Zero,
 }
 
-/// A sequence of poses, or no load at all.
 #[derive(Clone, Debug)]
 pub struct LoadScript {
     poses: Option<(Purpose, u64)>,
@@ -46,7 +41,6 @@ pub struct LoadScript {
 }
 
 impl LoadScript {
-    /// The loads of the recording of this kind with this seed; test loads never equal training loads.
     pub fn new(kind: RecordingKind, seed: u64) -> Self {
         let purpose = match kind {
             RecordingKind::Training => Purpose::TrainingPoses,
@@ -58,14 +52,13 @@ impl LoadScript {
         Self { poses: Some((purpose, seed)), first, current: None }
     }
 
-    /// The number of the pose at `time_s` ≥ 0 since the start.
     pub(crate) fn pose_number(time_s: f64) -> u64 {
         (time_s / POSE_S) as u64
     }
 
-    /// The wrench at `time_s` ≥ 0 since the start: N and N·m, shell frame.
+    /// Returns the wrench at `time_s` ≥ 0 since the start: N and N·m, shell frame.
     ///
-    /// The last pose is cached, so ascending times are fastest; the result does not depend on earlier calls.
+    /// The last pose is cached, so ascending times are fastest.
     pub fn wrench_at(&mut self, time_s: f64) -> PerAxis<f64> {
         let Some((purpose, seed)) = self.poses else {
             return [0.0; 6];
@@ -82,7 +75,6 @@ impl LoadScript {
     }
 }
 
-/// One contact, from touch to release.
 #[derive(Clone, Copy, Debug)]
 struct ShellContact {
     point_m: [f64; 3],
@@ -92,7 +84,6 @@ struct ShellContact {
     taps: bool,
 }
 
-/// A force that varies sinusoidally.
 #[derive(Clone, Copy, Debug)]
 struct Sway {
     force_n: [f64; 3],
@@ -152,12 +143,11 @@ impl ShellContact {
     }
 }
 
-/// Rise, dwell, fall, rest: between 0 and 1, with two continuous derivatives.
+/// Rise, dwell, fall, pause: between 0 and 1, with two continuous derivatives.
 fn contact(time_s: f64) -> f64 {
     smooth_step(time_s / RISE_S) * smooth_step((POSE_S - REST_S - time_s) / RISE_S)
 }
 
-/// Evenly spaced taps, each a squared half-sine.
 fn taps(time_s: f64) -> f64 {
     let period_s = POSE_S / f64::from(TAPS);
     let phase = (time_s % period_s - 0.5 * (period_s - TAP_S)) / TAP_S;
@@ -168,7 +158,7 @@ fn taps(time_s: f64) -> f64 {
     sin * sin
 }
 
-/// From 0 at x ≤ 0 to 1 at x ≥ 1, with two continuous derivatives.
+/// Rises from 0 at x ≤ 0 to 1 at x ≥ 1, with two continuous derivatives.
 fn smooth_step(x: f64) -> f64 {
     let x = x.clamp(0.0, 1.0);
     x * x * x * (10.0 + x * (6.0 * x - 15.0))
@@ -183,7 +173,6 @@ fn unit(v: [f64; 3]) -> [f64; 3] {
     v.map(|x| x / norm)
 }
 
-/// Wrenches at given times, interpolated linearly and repeated.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoadTable {
     times_s: Vec<f64>,
@@ -191,11 +180,10 @@ pub struct LoadTable {
 }
 
 impl LoadTable {
-    /// Creates a table with one row per time; the first time is the start.
+    /// Creates a table; its first time is the start.
     ///
     /// # Errors
-    /// [`SimulationError`] if there are no rows, a time is not later than the previous one, or a number is
-    /// not finite.
+    /// [`SimulationError`] without rows, if times do not ascend, or numbers are not finite.
     pub fn new(
         rows: impl IntoIterator<Item = (f64, PerAxis<f64>)>,
     ) -> Result<Self, SimulationError> {
@@ -215,14 +203,13 @@ impl LoadTable {
         Ok(Self { times_s, wrenches })
     }
 
-    /// The wrench (N and N·m) at `time_s` ≥ 0 since the start. After the last row the first follows at once.
+    /// Returns the wrench (N and N·m) at `time_s` ≥ 0; the first row follows the last at once.
     pub fn wrench_at(&self, time_s: f64) -> PerAxis<f64> {
         let (first, last) = (self.times_s[0], self.times_s[self.times_s.len() - 1]);
         if last == first {
             return self.wrenches[0];
         }
         let time_s = first + time_s % (last - first);
-        // The first row after this time, which is never the first of all.
         let after = self.times_s.partition_point(|&at| at <= time_s);
         let Some(&right_s) = self.times_s.get(after) else {
             return self.wrenches[after - 1];

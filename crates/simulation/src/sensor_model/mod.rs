@@ -6,16 +6,16 @@
 //!          hysteresis                 reflectors                ambient
 //! ```
 //!
-//! [`SensorModel`] takes a time and a wrench and returns a [`SimulatedFrame`], one after another; only the
-//! springs have a memory. [`LoadScript`] provides the wrench, [`ReferenceSensor`] the measurement of it by a
-//! reference sensor, and [`SensorRecording`] combines them row by row.
+//! [`SensorModel`] takes a time and a wrench and returns a [`SimulatedFrame`]; only the springs
+//! have a memory. [`LoadScript`] provides the wrench, [`ReferenceSensor`] a reference sensor's
+//! measurement of it, and [`SensorRecording`] combines them row by row.
 //!
-//! All results are functions of parameters and seeds, to the last bit and on every machine: random numbers
-//! from ChaCha, elementary functions from `libm`, sums in a fixed order.
+//! Results depend only on parameters and seeds, to the last bit on every machine: random numbers
+//! come from ChaCha, elementary functions from `libm`, sums have a fixed order.
 //!
-//! Not modelled: the mass of the plate (its resonance, above 100 Hz, is far above what a hand can excite),
-//! light from one channel in another (one emitter is lit at a time), and, except on the simulated board, the
-//! time between the conversions of the eight channels (a frame is one instant).
+//! Not modelled: the mass of the plate (no hand excites its resonance above 100 Hz), light from one
+//! channel in another (one emitter is lit at a time), and, except on the simulated board, the time
+//! between the conversions of a frame.
 
 mod geometry;
 mod load;
@@ -40,28 +40,25 @@ use springs::{CREEP, HYSTERESIS, Suspension};
 
 use shell_data::wrench::PerAxis;
 
-/// Eight readings at one time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SimulatedFrame {
-    /// In counts, with ambient light subtracted.
+    /// Counts, with ambient light subtracted.
     pub readings: [u16; 8],
-    /// Bit i is set if reading i has reached an end of the converter's range.
+    /// Bit i is set if reading i is at an end of the converter's range.
     pub saturated: u8,
 }
 
-/// The light on one photointerrupter at one instant, as fractions of the full scale.
+/// The light on one photointerrupter, as fractions of the full scale.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Exposure {
-    /// Light of its emitter.
     pub light: f64,
     /// Residual of the subtraction of ambient light.
     pub dark: f64,
 }
 
-/// The largest load of a frame, N or N·m: the instrument does not survive more.
+/// Largest load, N or N·m: the instrument does not survive more.
 pub const LIMIT: f64 = 1e6;
 
-/// One instrument during one recording.
 #[derive(Clone, Debug)]
 pub struct SensorModel {
     unit: SensorParameters,
@@ -74,10 +71,10 @@ pub struct SensorModel {
 }
 
 impl SensorModel {
-    /// The instrument `unit` ([`SensorParameters::unit`]) in the recording `seed`, without load so far.
+    /// Creates the instrument `unit` ([`SensorParameters::unit`]) for the recording `seed`.
     ///
     /// # Errors
-    /// [`SimulationError`] if the springs leave the plate loose or the converter cannot be modelled.
+    /// [`SimulationError`] if the plate is loose or the converter cannot be modelled.
     pub fn new(unit: &SensorParameters, seed: u64) -> Result<Self, SimulationError> {
         let (bits, is_known) = (unit.adc_bits, (8..=16).contains(&unit.adc_bits));
         ensure!(is_known, "a converter of {bits} bits, where 8 to 16 can be modelled");
@@ -97,11 +94,10 @@ impl SensorModel {
         })
     }
 
-    /// The frame at `time_s` since the start of the recording, under `wrench` (N and N·m, shell frame), which
-    /// is taken to have held since the previous frame. Times must ascend.
+    /// Returns the frame at `time_s` since the start, under a `wrench` (N and N·m, shell frame)
+    /// that has held since the previous frame. Times must ascend.
     ///
-    /// A load that is not finite, or above [`LIMIT`], tears the plate off: for that frame all channels are
-    /// saturated at zero.
+    /// A load that is not finite, or above [`LIMIT`], saturates all channels of the frame at zero.
     pub fn sample(&mut self, time_s: f64, wrench: &PerAxis<f64>) -> SimulatedFrame {
         if !is_bearable(time_s, wrench) {
             return SimulatedFrame { readings: [0; 8], saturated: 0xFF };
@@ -115,8 +111,7 @@ impl SensorModel {
         frame
     }
 
-    /// The light on the photointerrupters at `time_s` under `wrench`, as in [`sample`](Self::sample), for
-    /// callers with their own conversion. Without a plate there is no light.
+    /// Returns the light of a [`sample`](Self::sample) before its conversion; none without a plate.
     pub(crate) fn expose(&mut self, time_s: f64, wrench: &PerAxis<f64>) -> [Exposure; 8] {
         if !is_bearable(time_s, wrench) {
             return [Exposure { light: 0.0, dark: 0.0 }; 8];
@@ -133,14 +128,13 @@ impl SensorModel {
         })
     }
 
-    /// The temperature of the instrument at `time_s` relative to the lab that it was designed for, K.
+    /// Temperature relative to the design's, K.
     pub fn warmth_k(&self, time_s: f64) -> f64 {
         let Surroundings { warm_up_k, warm_up_s, .. } = self.unit.surroundings;
         self.start_k - warm_up_k * libm::expm1(-time_s.max(0.0) / warm_up_s)
     }
 
-    /// One conversion of light, given as a fraction of the full scale, with noise and the converter's
-    /// resolution.
+    /// Converts light, a fraction of the full scale, with noise and the converter's resolution.
     pub fn conversion(&mut self, light: f64) -> u16 {
         self.convert(light, 0.0) as u16
     }
@@ -153,7 +147,6 @@ impl SensorModel {
     }
 }
 
-/// Returns true if the plate survives this load.
 fn is_bearable(time_s: f64, wrench: &PerAxis<f64>) -> bool {
     time_s.is_finite() && wrench.iter().all(|w| w.abs() <= LIMIT)
 }

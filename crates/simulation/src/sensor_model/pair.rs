@@ -1,4 +1,4 @@
-//! One session on two clocks: the reference's recording and the board's log, as two machines record them.
+//! One session on two clocks: the reference's recording and the board's log, from two machines.
 //!
 //! ```text
 //! t_reference = (1 + skew) · t_board + offset
@@ -14,29 +14,24 @@ use crate::SimulationError;
 use shell_data::random::{Purpose, RandomStream};
 use shell_data::wrench::PerAxis;
 
-/// The minimum update rate of the springs, Hz.
 const SPRINGS_HZ: f64 = 1000.0;
 
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct PairSettings {
-    /// Seed of the session: its loads, noise, light and mounting.
     pub seed: u64,
     pub unit_seed: u64,
     pub loaded: bool,
     pub duration_s: f64,
-    /// The reference starts this long before the board and stops as long after it, s; it starts
-    /// later and stops earlier if negative.
+    /// The reference starts this long before the board and stops as long after it; may be negative.
     pub margin_s: f64,
     pub reference_rate_hz: f64,
-    /// Frames per second of the board, on its own clock.
+    /// On the board's own clock.
     pub board_rate_hz: f64,
-    /// Reading of the reference's clock when the board's shows 0, s.
+    /// Reading of the reference's clock when the board's shows 0.
     pub offset_s: f64,
     /// Relative rate of the reference's clock to the board's, minus one.
     pub skew: f64,
-    /// Share of the board's frames that are lost.
     pub loss: f64,
-    /// Factor on all random noise.
     pub noise_scale: f64,
 }
 
@@ -49,11 +44,7 @@ pub struct Pair {
 }
 
 impl Pair {
-    /// Sets up a session.
-    ///
-    /// # Errors
-    /// [`SimulationError`] if a rate is not above 0, a time is not finite, the noise is negative, or the loss
-    /// is not a share.
+    /// Fails if a rate is not above 0, a time is not finite, or noise or loss are out of range.
     pub fn new(settings: PairSettings) -> Result<Self, SimulationError> {
         let PairSettings { board_rate_hz, skew, loss, .. } = settings;
         check_timing(settings.reference_rate_hz, settings.offset_s)?;
@@ -81,12 +72,11 @@ impl Pair {
         })
     }
 
-    /// The load starts when the first of the two recordings does.
     fn load_time_s(&self, reference_time_s: f64) -> f64 {
         reference_time_s - self.settings.offset_s + self.settings.margin_s.max(0.0)
     }
 
-    /// The reference's recording: time on its clock, s, and wrench, N and N·m.
+    /// Returns times on the reference's clock, s, and wrenches, N and N·m.
     pub fn reference(&self) -> impl Iterator<Item = (f64, PerAxis<f64>)> {
         let PairSettings { duration_s, margin_s, reference_rate_hz, offset_s, skew, .. } =
             self.settings;
@@ -99,7 +89,6 @@ impl Pair {
         })
     }
 
-    /// The board's log: time on its clock, s, and frame.
     pub fn board(&self) -> impl Iterator<Item = (f64, SimulatedFrame)> {
         let PairSettings { seed, duration_s, board_rate_hz, offset_s, skew, loss, .. } =
             self.settings;
@@ -122,7 +111,6 @@ impl Pair {
     }
 }
 
-/// Number of samples in a time; zero if it is negative.
 fn count(length_s: f64, rate_hz: f64) -> u64 {
     (length_s * rate_hz).round().max(0.0) as u64
 }

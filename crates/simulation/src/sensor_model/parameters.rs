@@ -1,33 +1,28 @@
 //! All constants of the sensor model, with their sources.
-//!
-//! [`SensorParameters::nominal`] is the design; [`SensorParameters::unit`] is one instrument built from it.
 
 use super::geometry::Reflector;
 use super::springs::Spring;
 use crate::SimulationError;
 use shell_data::random::{Purpose, RandomStream};
 
-/// One photointerrupter with its reflector.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SensorChannel {
-    /// Its position and its reflector.
     pub reflector: Reflector,
     /// Reading at the optimum distance, as a fraction of the full scale.
     pub gain: f64,
-    /// Relative change of the gain with temperature, per K.
     pub gain_drift_per_k: f64,
-    /// Change of the dark reading with temperature, as a fraction of the full scale, per K.
+    /// Change of the dark reading, as a fraction of the full scale, per K.
     pub offset_drift_per_k: f64,
 }
 
 /// Random noise of a reading; the parts add as variances.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SensorNoise {
-    /// Noise of amplifier and converter, as a fraction of the full scale.
+    /// Amplifier and converter, as a fraction of the full scale.
     pub read: f64,
     /// Shot noise: variance over signal, both as fractions of the full scale.
     pub shot: f64,
-    /// Noise of the emitter's intensity, relative.
+    /// Emitter's intensity, relative.
     pub emitter: f64,
 }
 
@@ -36,11 +31,9 @@ pub struct SensorNoise {
 pub struct Surroundings {
     /// Light left after the ambient reading is subtracted, as a fraction of the full scale.
     pub ambient: f64,
-    /// Board temperature at the start, relative to that of other recordings, K.
+    /// Start, relative to that of other recordings.
     pub start_k: f64,
-    /// Rise of the board temperature after switching on, K.
     pub warm_up_k: f64,
-    /// Time constant of that rise, s.
     pub warm_up_s: f64,
 }
 
@@ -52,25 +45,22 @@ pub struct Reference {
     pub noise: [f64; 2],
     /// Zero error of one recording, N and N·m (standard deviations).
     pub zero: [f64; 2],
-    /// Rotation of its axes relative to the shell's due to mounting, rad, per axis.
+    /// Rotation of its axes by mounting, relative to the shell's, rad, per axis.
     pub turn_rad: f64,
-    /// Shift of its origin relative to the shell's due to mounting, m, per axis.
+    /// Shift of its origin by mounting, relative to the shell's, m, per axis.
     pub shift_m: f64,
 }
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct SensorParameters {
-    /// The springs that carry the reflector plate; the frame's origin is at their centre.
+    /// Springs of the reflector plate; the frame's origin is at their centre.
     pub springs: [Spring; 4],
-    /// True for springs without creep and hysteresis: readings then depend only on the current load, and a
-    /// calibration can follow them exactly.
+    /// True for springs without creep and hysteresis, so that a calibration can be exact.
     pub elastic: bool,
-    /// The eight channels: four flat, two tilted about y, two tilted about x.
+    /// Four flat, two tilted about y, two tilted about x.
     pub channels: [SensorChannel; 8],
     pub noise: SensorNoise,
-    /// Light and temperature.
     pub surroundings: Surroundings,
-    /// Resolution of the converter, bits.
     pub adc_bits: u32,
     pub reference: Reference,
 }
@@ -81,14 +71,11 @@ const MM: f64 = 1e-3;
 
 // Deviations of a unit from the design (standard deviations).
 
-/// Spring stiffness, relative.
 const STIFFNESS_SPREAD: f64 = 0.05;
-/// Position of a photointerrupter and gap at rest, m.
+/// Position of a photointerrupter and unloaded gap, m.
 const POSITION_SPREAD_M: f64 = 0.05 * MM;
 const TILT_SPREAD_RAD: f64 = 0.01;
-/// Gain of a channel, relative.
 const GAIN_SPREAD: f64 = 0.10;
-/// Temperature coefficient of the gain, per K.
 const GAIN_DRIFT_SPREAD: f64 = 5e-4;
 /// Temperature coefficient of the dark reading, fraction of the full scale per K.
 const OFFSET_DRIFT_SPREAD: f64 = 0.3 * LSB_12;
@@ -97,25 +84,25 @@ impl SensorParameters {
     /// The instrument as designed.
     ///
     /// Sources, and assumptions where there is no source:
-    /// - Four flat reflectors, two tilted about y, two about x: the paper on the shell (§II-A) and Goldberg
-    ///   et al. 2015. Their positions are assumed, on a board of 5 cm × 5 cm: the flat ones near the corners,
-    ///   for Mx and My; each tilted pair far apart, for Mz.
-    /// - Springs: a hand or a beam exerts up to some 3 N on the shell of an 87 g robot (its weight is 0.85
-    ///   N). In recordings of the original board this changes readings by a few hundred to a thousand counts,
-    ///   which on the slope of the response is a few tenths of a millimetre. With 6 N/mm along z and 2.4 N/mm
-    ///   across per spring, 1 N moves the plate 0.04 mm along z and 0.10 mm along x or y.
-    /// - Gap at rest: 1.2 mm, on the falling side of the response, so that the plate can travel 0.5 mm both
-    ///   ways without passing the maximum at 0.7 mm.
-    /// - Gain: some 1950 of 4096 counts at rest, 800 to 3800 under load; recordings of the original board go
-    ///   from 700 to 2900.
-    /// - Noise: 2.5 counts of 4096 from amplifier and converter, shot noise of 800,000 effective electrons at
-    ///   full scale, 0.02 % of the emitter's intensity, together 4.0 counts at rest. The original board,
-    ///   which smooths its readings, has only 0.7 to 1.6 counts. 4.0 counts give 0.02 N of zero-load noise,
-    ///   and the paper has 0.015 to 0.048 N.
-    /// - Temperature: an infrared emitter loses about 0.7 % per K, a phototransistor gains about 0.5 %; the
-    ///   difference is taken as −0.2 % per K.
-    /// - Reference: resolution of a small strain-gauge sensor for 25 N and 250 N·mm (1/160 N, 1/32 N·mm),
-    ///   with noise of 1.5 steps.
+    /// - Four flat reflectors, two tilted about y, two about x: the paper on the shell (§II-A) and
+    ///   Goldberg et al. 2015. Their positions are assumed, on a board of 5 cm × 5 cm: the flat
+    ///   ones near the corners, for Mx and My; each tilted pair far apart, for Mz.
+    /// - Springs: a hand or a beam exerts up to some 3 N on the shell of an 87 g robot (0.85 N). In
+    ///   recordings of the original board this changes readings by a few hundred to a thousand
+    ///   counts, a few tenths of a millimetre on the slope of the response. With 6 N/mm along z and
+    ///   2.4 N/mm across per spring, 1 N moves the plate 0.04 mm along z and 0.10 mm along x or y.
+    /// - Unloaded gap: 1.2 mm, on the falling side of the response, so that the plate can travel
+    ///   0.5 mm both ways without passing the maximum at 0.7 mm.
+    /// - Gain: some 1950 of 4096 counts without load, 800 to 3800 under load; recordings of the
+    ///   original board go from 700 to 2900.
+    /// - Noise: 2.5 counts of 4096 from amplifier and converter, shot noise of 800,000 effective
+    ///   electrons at full scale, 0.02 % of the emitter's intensity, together 4.0 counts without
+    ///   load, which give 0.02 N; the paper has 0.015 to 0.048 N. The original board smooths its
+    ///   readings, to 0.7 to 1.6 counts.
+    /// - Temperature: an infrared emitter loses about 0.7 % per K, a phototransistor gains about
+    ///   0.5 %; the difference is taken as −0.2 % per K.
+    /// - Reference: resolution of a small strain-gauge sensor for 25 N and 250 N·mm (1/160 N, 1/32
+    ///   N·mm), with noise of 1.5 steps.
     pub fn nominal() -> Self {
         let spring = |[x, y]: [f64; 2]| Spring {
             position_m: [x * MM, y * MM, 0.0],
@@ -163,8 +150,7 @@ impl SensorParameters {
         }
     }
 
-    /// The unit with the seed `unit_seed`: this design with deviations from normal distributions, cut off at
-    /// three standard deviations (units beyond fail inspection).
+    /// Returns a unit: this design with normal deviations, cut off at three standard deviations.
     pub fn unit(&self, unit_seed: u64) -> Self {
         let mut stream = RandomStream::new(unit_seed, Purpose::Unit, 0);
         let mut deviate = |scale: f64| scale * stream.normal().clamp(-3.0, 3.0);
@@ -189,11 +175,7 @@ impl SensorParameters {
         unit
     }
 
-    /// The unit of the nominal instrument with the seed `unit_seed`, with its noise
-    /// [scaled](Self::scale_noise).
-    ///
-    /// # Errors
-    /// [`SimulationError`] if the factor is negative or not finite.
+    /// Returns the nominal instrument's unit with [scaled](Self::scale_noise) noise.
     pub(crate) fn noisy_unit(unit_seed: u64, factor: f64) -> Result<Self, SimulationError> {
         let is_factor = factor.is_finite() && factor >= 0.0;
         ensure!(is_factor, "noise scaled by {factor}, where a factor of 0 or more is wanted");
@@ -202,8 +184,7 @@ impl SensorParameters {
         Ok(unit)
     }
 
-    /// Scales every random noise, of the readings and of the reference sensor: 0 removes it, 1 leaves it
-    /// unchanged. Quantisation, drift, creep and hysteresis stay.
+    /// Scales random noise; quantisation, drift, creep and hysteresis stay.
     pub fn scale_noise(&mut self, factor: f64) {
         let SensorNoise { read, shot, emitter } = &mut self.noise;
         *read *= factor;

@@ -1,4 +1,4 @@
-//! A recording session: one instrument and one reference sensor under one sequence of loads.
+//! One instrument and one reference sensor under one sequence of loads.
 
 use super::geometry::RigidMotion;
 use super::parameters::Reference;
@@ -10,23 +10,18 @@ use super::{LoadScript, RecordingKind, SensorModel, SensorParameters, SimulatedF
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RecordingSettings {
-    /// The load on the shell.
     pub kind: RecordingKind,
     pub rate_hz: f64,
     pub start_time_s: f64,
-    /// Seed of the recording: its loads, noise, light, temperature and mounting.
+    /// Determines loads, noise, light, temperature and mounting.
     pub seed: u64,
     pub unit_seed: u64,
-    /// Factor on all random noise.
     pub noise_scale: f64,
-    /// Resolution of the converter, bits.
     pub adc_bits: u32,
-    /// Springs without creep and hysteresis.
     pub elastic: bool,
 }
 
 impl RecordingSettings {
-    /// The default settings of a recording of this kind.
     pub const fn new(kind: RecordingKind) -> Self {
         Self {
             kind,
@@ -41,18 +36,14 @@ impl RecordingSettings {
     }
 }
 
-/// One row of a recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SensorSample {
     pub time_s: f64,
-    /// The instrument's frame.
     pub frame: SimulatedFrame,
-    /// The reference sensor's reading, N and N·m.
     pub wrench: PerAxis<f64>,
     pub pose: u64,
 }
 
-/// An endless recording, row by row.
 #[derive(Clone, Debug)]
 pub struct SensorRecording {
     settings: RecordingSettings,
@@ -63,13 +54,10 @@ pub struct SensorRecording {
 }
 
 impl SensorRecording {
-    /// Sets up the recording for the first row.
-    ///
-    /// Recordings of different kinds share only the instrument, even if their seeds are equal.
+    /// Sets up a recording. Different kinds share only the instrument, even with equal seeds.
     ///
     /// # Errors
-    /// [`SimulationError`] if the rate is not above 0, a time is not finite, or the converter cannot be
-    /// modelled.
+    /// [`SimulationError`] if rate, time or converter are invalid.
     pub fn new(settings: RecordingSettings) -> Result<Self, SimulationError> {
         let RecordingSettings { kind, rate_hz, start_time_s, seed, .. } = settings;
         check_timing(rate_hz, start_time_s)?;
@@ -88,7 +76,6 @@ impl SensorRecording {
     }
 }
 
-/// Checks that the rate, Hz, is positive and finite, and the start, s, finite.
 pub(super) fn check_timing(rate_hz: f64, start_time_s: f64) -> Result<(), SimulationError> {
     let is_clock = rate_hz.is_finite() && rate_hz > 0.0 && start_time_s.is_finite();
     ensure!(
@@ -114,10 +101,8 @@ impl Iterator for SensorRecording {
     }
 }
 
-/// A reference sensor for calibration, mounted for one recording.
-///
-/// It measures the wrench in its own axes, which nearly but not exactly match the shell's: mounting rotates
-/// and shifts them. It also has a zero error, noise, and a finite resolution.
+/// A reference sensor for calibration, mounted for one recording: its axes are rotated and shifted
+/// from the shell's. It has a zero error, noise, and a finite resolution.
 #[derive(Clone, Debug)]
 pub struct ReferenceSensor {
     parameters: Reference,
@@ -128,7 +113,6 @@ pub struct ReferenceSensor {
 }
 
 impl ReferenceSensor {
-    /// Mounts the sensor for the recording with this seed.
     pub fn new(parameters: &Reference, seed: u64) -> Self {
         let mut mounting = RandomStream::new(seed, Purpose::Mounting, 0);
         let mut draw = |scale: f64| scale * mounting.normal();
@@ -144,7 +128,7 @@ impl ReferenceSensor {
         }
     }
 
-    /// The reading under `wrench` (N and N·m, shell frame): a whole number of the sensor's steps.
+    /// Returns the reading under `wrench` (N and N·m, shell frame), in whole steps of the sensor.
     pub fn sample(&mut self, wrench: &PerAxis<f64>) -> PerAxis<f64> {
         let &[fx, fy, fz, mx, my, mz] = wrench;
         // About an origin shifted by r the moment is less by r × F.
@@ -157,7 +141,7 @@ impl ReferenceSensor {
             let true_value = [force, moment][kind][position] + self.zero[axis];
             let step = self.parameters.resolution[kind];
             let value = true_value + self.parameters.noise[kind] * self.noise.normal();
-            // Adding zero turns a negative zero into zero.
+            // Adding zero turns −0 into 0.
             (value / step).round() * step + 0.0
         })
     }

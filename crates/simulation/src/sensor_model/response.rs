@@ -1,16 +1,16 @@
 //! The current of a photointerrupter as a function of the distance of its reflector.
 //!
-//! The part is the Sharp GP2S60 (data sheet D3-A02101EN, 3 October 2005). Its text gives the optimal sensing
-//! distance, 0.7 mm, and tests the part at 0.5 mm; the curve of relative collector current against distance
-//! is a drawing without numbers. The nodes below put the maximum on the printed optimum and follow the
-//! typical shape of such reflective couplers: a steep rise while emitter and detector begin to see the same
-//! spot, a broad maximum, then a fall that turns into the inverse square of the distance. Every node but the
-//! maximum is nominal, to some ±10 %. The rest of this crate does not rely on them: a calibration is fitted,
-//! never derived from here.
+//! The part is the Sharp GP2S60 (data sheet D3-A02101EN, 3 October 2005). Its text gives the
+//! optimal sensing distance, 0.7 mm, and tests the part at 0.5 mm; the curve of relative collector
+//! current against distance is a drawing without numbers. The nodes below put the maximum on the
+//! printed optimum and follow the typical shape of reflective couplers: a steep rise while emitter
+//! and detector begin to see the same spot, a broad maximum, then a fall that turns into the
+//! inverse square of the distance. Every node but the maximum is nominal, to some ±10 %: a
+//! calibration is fitted, never derived from here.
 //!
-//! The nodes are joined by a shape-preserving cubic (PCHIP: Fritsch & Butland, SIAM J. Sci. Stat. Comput. 5,
-//! 300, 1984). It has a continuous slope and no overshoot, and uses only the four basic operations, so it
-//! gives the same bits everywhere.
+//! A shape-preserving cubic joins the nodes (PCHIP: Fritsch & Butland, SIAM J. Sci. Stat. Comput.
+//! 5, 300, 1984), with a continuous slope and no overshoot. It uses only the four basic operations,
+//! so it gives the same bits everywhere.
 
 /// Distance in mm and relative collector current, 1 at the optimum.
 const NODES: [(f64, f64); 14] = [
@@ -30,7 +30,7 @@ const NODES: [(f64, f64); 14] = [
     (5.0, 0.034),
 ];
 
-/// The slope of the curve at each node, per mm.
+/// Per mm.
 const SLOPES: [f64; NODES.len()] = {
     let mut slopes = [0.0; NODES.len()];
     slopes[0] = secant(0);
@@ -44,7 +44,7 @@ const SLOPES: [f64; NODES.len()] = {
         }
         i += 1;
     }
-    // The last slope is zero: beyond the table the curve is constant.
+    // The last slope is zero: the curve is constant beyond the table.
     slopes
 };
 
@@ -52,10 +52,10 @@ const fn secant(i: usize) -> f64 {
     (NODES[i + 1].1 - NODES[i].1) / (NODES[i + 1].0 - NODES[i].0)
 }
 
-/// Current at a reflector `distance_m` away, relative to that at the optimum (0.7 mm).
+/// Returns the current at a reflector `distance_m` away, relative to that at the optimum (0.7 mm).
 ///
-/// It is constant outside the table: a reflector cannot come nearer than contact, and beyond 5 mm the part
-/// sees hardly any light. Value and slope are continuous for distances above 0.
+/// Constant outside the table: a reflector cannot come nearer than contact, and beyond 5 mm there
+/// is hardly any light. Value and slope are continuous above 0.
 pub(super) fn current_at(distance_m: f64) -> f64 {
     let (first, last) = (NODES[0], NODES[NODES.len() - 1]);
     let x = (distance_m * 1e3).clamp(first.0, last.0);
@@ -101,8 +101,7 @@ mod tests {
             let x = distance_mm * 1e-3;
             let before = (current_at(x) - current_at(x - step)) / step;
             let after = (current_at(x + step) - current_at(x)) / step;
-            // Curvature is below 2e8 per m², which moves a secant over 1e-10 m by 0.02 at most; rounding of
-            // values near 1 adds 1e-16/1e-10.
+            // Curvature below 2e8 per m² moves a secant over 1e-10 m by 0.02; rounding is less.
             assert!((before - after).abs() < 0.05, "{distance_mm}: {before} {after}");
         }
     }

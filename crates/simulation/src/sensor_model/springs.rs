@@ -1,11 +1,11 @@
-//! A rigid plate on springs: stiffness, compliance, and deviations of real springs from Hooke's law.
+//! A rigid plate on springs: stiffness, compliance, and deviations from Hooke's law.
 //!
-//! The plate hangs on springs at points pᵢ, each with a stiffness along x, y and z. A displacement u = (d, θ)
-//! moves the foot of a spring by d + θ × pᵢ. The energy is therefore ½ uᵀK u with K = Σ Jᵢᵀ diag(kᵢ) Jᵢ, and
-//! a wrench w displaces the plate by K⁻¹w. (Rotations are small: the springs are linear in θ; the positions
-//! of the reflectors are computed exactly, in `geometry`.)
+//! The plate hangs on springs at points pᵢ, each with a stiffness along x, y and z. A displacement
+//! u = (d, θ) moves the foot of a spring by d + θ × pᵢ. The energy is therefore ½ uᵀK u with K = Σ
+//! Jᵢᵀ diag(kᵢ) Jᵢ, and a wrench w displaces the plate by K⁻¹w. (Rotations are small, so springs
+//! are linear in θ; `geometry` computes reflectors exactly.)
 //!
-//! Wire springs in a printed seat also creep and stick. Both effects are applied to the wrench:
+//! Wire springs in a printed seat also creep and stick, applied to the wrench:
 //!
 //! - *creep*: part of the response is late, a first-order relaxation (standard linear solid);
 //! - *hysteresis*: part of the response follows the load through play, one stop element of a
@@ -16,29 +16,25 @@ use shell_data::wrench::PerAxis;
 /// Translation in m along x, y, z, then rotation vector in rad.
 pub type Displacement = [f64; 6];
 
-/// One spring between board and plate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spring {
-    /// The point at which it holds the plate, m.
     pub position_m: [f64; 3],
-    /// Stiffness along x, y and z, N/m.
     pub stiffness_n_per_m: [f64; 3],
 }
 
-// Creep and hysteresis are chosen so that a cubic calibration with the paper's numbers of rows (77,522 and
-// 19,932) reproduces the paper's errors, 0.118, 0.122 and 0.126 N: a tenth of the travel is late, and a loop
-// is 2 · 0.2 · 0.7 N = 0.28 N wide, a tenth of the largest push.
+// Chosen so that a cubic calibration with the paper's numbers of rows (77,522 and 19,932)
+// reproduces its errors, 0.118, 0.122 and 0.126 N: a tenth of the travel is late, and a loop is 2 ·
+// 0.2 · 0.7 N = 0.28 N wide, a tenth of the largest push.
 
 /// Additional displacement under constant load, as a fraction of the immediate one.
 pub(super) const CREEP: f64 = 0.10;
-/// Time constant of the relaxation, s.
 const CREEP_S: f64 = 1.5;
 /// Fraction of the response that passes through the play.
 pub(super) const HYSTERESIS: f64 = 0.2;
 /// Half-width of the play for forces, N, and moments, N·m.
 const PLAY: [f64; 2] = [0.7, 0.025];
 
-/// The 6 × 6 stiffness of `springs`, N/m, N and N·m (per rad), about the origin.
+/// Computes the 6 × 6 stiffness, N/m, N and N·m (per rad), about the origin.
 pub fn stiffness(springs: &[Spring]) -> [[f64; 6]; 6] {
     let mut matrix = [[0.0; 6]; 6];
     for spring in springs {
@@ -56,11 +52,10 @@ pub fn stiffness(springs: &[Spring]) -> [[f64; 6]; 6] {
     matrix
 }
 
-/// The inverse of a symmetric positive definite `stiffness`, by Gauss–Jordan elimination without pivoting
+/// Inverts a symmetric positive definite `stiffness`, by Gauss–Jordan elimination without pivoting
 /// (stable for such matrices); `None` if it is not positive definite.
 ///
-/// The elimination is written out, as the kernels of a linear algebra library round differently from one
-/// processor to another.
+/// Written out, since a library's kernels round differently on different processors.
 pub(crate) fn compliance(stiffness: &[[f64; 6]; 6]) -> Option<[[f64; 6]; 6]> {
     let mut left = *stiffness;
     let mut right: [[f64; 6]; 6] =
@@ -86,7 +81,6 @@ pub(crate) fn compliance(stiffness: &[[f64; 6]; 6]) -> Option<[[f64; 6]; 6]> {
     Some(right)
 }
 
-/// The plate on its springs, with the memory of its loads.
 #[derive(Clone, Debug)]
 pub(super) struct Suspension {
     compliance: [[f64; 6]; 6],
@@ -102,7 +96,7 @@ impl Suspension {
         Self { compliance, creep, hysteresis, time_s: None, late: [0.0; 6], play: [0.0; 6] }
     }
 
-    /// The displacement of the plate at `time_s` under `wrench`, which has held since the previous call.
+    /// Displacement of the plate under `wrench`, which has held since the previous call.
     pub(super) fn displacement(&mut self, time_s: f64, wrench: &PerAxis<f64>) -> Displacement {
         let elapsed_s = self.time_s.replace(time_s).map_or(0.0, |before| time_s - before);
         let relaxed = -libm::expm1(-elapsed_s.max(0.0) / CREEP_S);
@@ -149,7 +143,7 @@ mod tests {
 
     #[test]
     fn spring_forces_balance_the_load() {
-        // Independent check: add up the springs' own forces and moments at the displaced plate.
+        // Independent check: add up the springs' forces and moments at the displaced plate.
         let compliance = compliance(&stiffness(&springs())).unwrap();
         let wrench = [0.5, 1.5, -2.5, -0.03, 0.02, 0.01];
         let u = product(&compliance, &wrench);

@@ -1,4 +1,4 @@
-//! Time for firmware in a process of an operating system, and edges at its sync input at given times.
+//! Time for firmware in a process, and edges at its sync input.
 
 use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
@@ -13,38 +13,33 @@ use std::time::{Duration, Instant};
 use embassy_futures::yield_now;
 use firmware::{Clock, SeenEdge};
 
-/// Margin by which a waiting process is woken late; it catches up without waiting. The forty waits of a frame
-/// thus become a few, as each would take the system some tens of µs of processor time.
+/// Late waking merges the forty waits of a frame, each tens of µs of processor time, to a few.
 const LATE: Duration = Duration::from_micros(250);
 
-/// A clock that stands still while the firmware computes, and shows exactly the awaited time.
+/// A clock that stops while the firmware computes, and shows exactly the awaited time.
 ///
-/// The system wakes a process tens of µs late as a rule, and tens of ms late on a busy machine, whereas a
-/// microcontroller is less than one µs late. This clock hides the delay: it skips waits until board and wall
-/// clock agree again. Frames therefore start at their slots, and none is skipped because the machine was
-/// busy.
+/// The system wakes a process tens of µs late, and tens of ms late on a busy machine; a
+/// microcontroller is less than one µs late. This clock hides the delay: it skips waits until board
+/// and wall clock agree again. Frames therefore start at their slots, and none is skipped.
 #[derive(Clone, Debug)]
 pub struct PacedClock {
     start: Instant,
     time: Rc<Time>,
 }
 
-/// State shared by the tasks of a board.
 #[derive(Debug, Default)]
 struct Time {
     now_us: Cell<u64>,
-    /// The times that tasks wait for: the clock does not pass the first.
+    /// Times that tasks wait for: the clock does not pass the first.
     waits_us: RefCell<Vec<u64>>,
 }
 
 impl PacedClock {
-    /// Starts at zero now.
     pub fn start() -> Self {
         Self { start: Instant::now(), time: Rc::default() }
     }
 
-    /// Runs the firmware to its end. Between its steps the thread sleeps until the first awaited time, or
-    /// until it is woken.
+    /// Runs the firmware to its end; sleeps until the first awaited time, or until it is woken.
     pub(super) fn run<F: Future>(&self, firmware: F) -> F::Output {
         let waker = Waker::from(Arc::new(WakeThread(thread::current())));
         let mut firmware = pin!(firmware);
@@ -64,7 +59,6 @@ impl PacedClock {
         self.time.waits_us.borrow().iter().copied().min()
     }
 
-    /// Follows the wall clock up to the first awaited time.
     fn advance(&self) {
         let wall_us = self.start.elapsed().as_micros() as u64;
         let reached_us = self.first_wait_us().map_or(wall_us, |first_us| first_us.min(wall_us));
@@ -98,7 +92,6 @@ impl Wake for WakeThread {
     }
 }
 
-/// An awaited time, registered until it is dropped.
 struct Wait<'t> {
     time: &'t Time,
     at_us: u64,
@@ -113,24 +106,21 @@ impl Drop for Wait<'_> {
     }
 }
 
-/// A sync signal with edges at given times.
 #[derive(Clone, Debug)]
 pub(super) struct SyncScript {
     clock: PacedClock,
-    /// Times of the remaining edges, µs, in order.
     times_us: VecDeque<u64>,
 }
 
 impl SyncScript {
-    /// Creates edges at these times of the board, s.
     pub(super) fn new(clock: PacedClock, times_s: &[f64]) -> Self {
         let mut times_us: Vec<u64> = times_s.iter().map(|time_s| (time_s * 1e6) as u64).collect();
         times_us.sort_unstable();
         Self { clock, times_us: times_us.into() }
     }
 
-    /// The next edge. It is polled whenever the board is awake, and sets no alarm: the clock would stop at
-    /// that alarm for tasks that wait for an earlier time.
+    /// Waits for the next edge. It is polled whenever the board is awake: an alarm would stop the
+    /// clock for tasks that wait for an earlier time.
     pub(super) async fn next_edge(&mut self) -> SeenEdge {
         poll_fn(|_| match self.times_us.front() {
             Some(&at_us) if at_us <= self.clock.now_us() => {
@@ -149,15 +139,14 @@ mod tests {
 
     use super::*;
 
-    /// One task waits for long intervals and is polled first. However late the machine wakes the process, the
-    /// clock does not pass a time that the other task waits for.
+    /// One task waits long and is polled first; the clock must not pass the other's time.
     #[test]
     fn time_stops_for_each_waiting_task() {
         let clock = PacedClock::start();
         let mut seen = Vec::new();
         clock.run(join(clock.wait_until_us(20_000), async {
             for at_us in (1..=10).map(|it| it * 1000) {
-                // Longer than the wait: the wall clock is ahead.
+                // Longer than the wait, so the wall clock is ahead.
                 thread::sleep(Duration::from_millis(2));
                 clock.wait_until_us(at_us).await;
                 seen.push(clock.now_us());

@@ -10,22 +10,17 @@ use crate::sensor_model::{Exposure, LoadScript, LoadTable, RecordingKind, Sensor
 use shell_data::lock::lock;
 use shell_data::wrench::PerAxis;
 
-/// Ambient light as a fraction of the full scale: the light under the shell in a lit room. The firmware
-/// subtracts it.
+/// Light under the shell in a lit room, as a fraction of full scale; the firmware subtracts it.
 const AMBIENT: f64 = 0.03;
 
-/// Temperature around a board that has just been switched on, °C.
 const ROOM_C: f64 = 23.0;
 
-/// Supply of the converter, and the voltage reference of an STM32L432 (DS11451, table "Embedded internal
-/// voltage reference", typical), V.
+/// Supply and reference of an STM32L432 (DS11451, "Embedded internal voltage reference"), V.
 const SUPPLY_V: f64 = 3.3;
 const REFERENCE_V: f64 = 1.212;
 
-/// Time without a load before hands touch the shell, s.
 const REST_S: f64 = 5.0;
 
-/// The load on the shell over the board's time.
 #[derive(Clone, Debug)]
 pub enum Load {
     /// No load for five seconds, in which a zero can be taken; then hands.
@@ -36,12 +31,11 @@ pub enum Load {
 }
 
 impl Load {
-    /// Five seconds of rest and then the poses of a test recording.
+    /// Five seconds without load and then the poses of a test recording.
     pub fn hands(seed: u64) -> Self {
         Self::Hands(LoadScript::new(RecordingKind::Test, seed))
     }
 
-    /// The wrench (N and N·m) at a time since the start.
     pub fn wrench_at(&mut self, time_s: f64) -> PerAxis<f64> {
         match self {
             Self::Hands(_) if time_s < REST_S => PerAxis::default(),
@@ -52,7 +46,6 @@ impl Load {
     }
 }
 
-/// Eight photointerrupters of the sensor model.
 #[derive(Debug)]
 pub struct SimulatedInstrument {
     sensor: SensorModel,
@@ -62,13 +55,12 @@ pub struct SimulatedInstrument {
 }
 
 impl SimulatedInstrument {
-    /// An instrument under a load, whose conversions take time on `clock`.
     pub fn new(sensor: SensorModel, load: Load, clock: PacedClock) -> Self {
         Self { sensor, load, clock, lit: None }
     }
 }
 
-/// Time of a conversion in ns, as on the SkinProc board.
+/// As on the SkinProc board.
 pub(super) const CONVERSION_NS: u32 = 3_250;
 
 impl FrontEnd for SimulatedInstrument {
@@ -81,7 +73,7 @@ impl FrontEnd for SimulatedInstrument {
         let now_us = self.clock.now_us();
         let burst_us = (u64::from(conversions) * u64::from(CONVERSION_NS)).div_ceil(1000);
         let seen = match self.lit {
-            // The load changes during the conversions: treat a burst as one instant, its middle.
+            // A burst counts as one instant, its middle, although the load changes.
             Some(lit) => {
                 let time_s = (now_us as f64 + burst_us as f64 / 2.0) / 1e6;
                 let wrench = self.load.wrench_at(time_s);

@@ -1,4 +1,4 @@
-//! The serial line of a simulated board: a pty or a connection over TCP, with the radio in between.
+//! The serial line of a simulated board: a pty or a TCP connection, with the radio in between.
 
 use std::convert::Infallible;
 use std::io::{self, ErrorKind};
@@ -21,25 +21,21 @@ use super::PacedClock;
 use crate::radio::Radio;
 use shell_data::lock::lock;
 
-/// Number of packets queued for the host before the board is held up, as by CTS: some seconds at 100 Hz.
+/// Packets queued for the host before the board is held up, as by CTS: some seconds at 100 Hz.
 const QUEUE: usize = 512;
 
-/// The maximum time that a thread waits before it checks the radio again.
+/// Maximum time between checks of the radio.
 const TICK: Duration = Duration::from_millis(10);
 
-/// The input of the board.
 pub(super) type InputPipe = Pipe<CriticalSectionRawMutex, 1024>;
 
-/// The board's end of the line.
 pub(super) struct SerialLine {
-    /// The name of the host's end.
     pub(super) port: String,
     pub(super) packets: SyncSender<Vec<u8>>,
     pub(super) receiver: &'static InputPipe,
 }
 
 impl SerialLine {
-    /// Creates a pty; `radios` are the ways to the host and to the board.
     #[cfg(unix)]
     pub(super) fn open(radios: &[Arc<Mutex<Radio>>; 2]) -> Result<Self, serialport::Error> {
         let (mut pty, host) = TTYPort::pair()?;
@@ -62,7 +58,7 @@ impl SerialLine {
     ) -> Self {
         let [up, down] = radios.each_ref().map(Arc::clone);
         let (queue, packets) = sync_channel(QUEUE);
-        // Leaked, as it has to live as long as the process, like the threads.
+        // Leaked, as the threads need it for the life of the process.
         let receiver: &InputPipe = Box::leak(Box::new(InputPipe::new()));
         thread::spawn(move || give_to_host(&packets, &up, to_host));
         thread::spawn(move || give_to_board(from_host, &down, receiver));
@@ -70,7 +66,7 @@ impl SerialLine {
     }
 }
 
-/// The output of the board: each write becomes one packet.
+/// Output of the board: each write becomes one packet.
 pub(super) struct LineSender {
     pub(super) packets: SyncSender<Vec<u8>>,
     pub(super) clock: PacedClock,
@@ -113,7 +109,6 @@ fn give_to_host(packets: &Queue<Vec<u8>>, radio: &Mutex<Radio>, mut host: impl i
     }
 }
 
-/// Waits for a host without limit.
 fn write_all(host: &mut impl io::Write, mut bytes: &[u8]) {
     while !bytes.is_empty() {
         match host.write(bytes) {
@@ -133,7 +128,6 @@ fn give_to_board(mut host: impl io::Read, radio: &Mutex<Radio>, input: &InputPip
         match host.read(&mut buffer) {
             Ok(count) => lock(radio).send(now_us(), &buffer[..count]),
             Err(error) if error.kind() == ErrorKind::TimedOut => {}
-            // The other end is not open.
             Err(_) => thread::sleep(TICK),
         }
         loop {
@@ -149,16 +143,13 @@ fn give_to_board(mut host: impl io::Read, radio: &Mutex<Radio>, input: &InputPip
     }
 }
 
-/// The serial line over TCP, for systems without ptys or a remote host. It holds the connected host, one at a
-/// time, as on a serial port.
-///
-/// Output of the board without a host is lost, as on a wire.
+/// The serial line over TCP, for systems without ptys or a remote host. Like a serial port, it
+/// holds one host at a time and loses output without a host.
 #[derive(Clone, Debug, Default)]
 struct Socket(Arc<Mutex<Option<TcpStream>>>);
 
 impl Socket {
-    /// Listens; returns the address, with the port that was chosen if 0 was requested. A read or write waits
-    /// for at most [`TICK`].
+    /// Listens; returns the address with the chosen port. Reads and writes wait at most [`TICK`].
     fn listen(at: SocketAddr) -> io::Result<(Self, SocketAddr)> {
         let listener = TcpListener::bind(at)?;
         let at = listener.local_addr()?;
@@ -176,7 +167,6 @@ impl Socket {
         Ok((socket, at))
     }
 
-    /// Accepts a host, or closes the connection if there is another host already.
     fn admit(&self, host: TcpStream) {
         let mut current = lock(&self.0);
         if current.as_ref().is_none_or(is_gone)
@@ -188,13 +178,11 @@ impl Socket {
         }
     }
 
-    /// The last host admitted, which may have gone.
     fn host(&self) -> Option<TcpStream> {
         lock(&self.0).as_ref()?.try_clone().ok()
     }
 }
 
-/// Returns true if a host has closed its end.
 fn is_gone(host: &TcpStream) -> bool {
     match host.peek(&mut [0]) {
         Ok(count) => count == 0,
@@ -202,7 +190,6 @@ fn is_gone(host: &TcpStream) -> bool {
     }
 }
 
-/// Returns true if the operation only has to wait.
 fn is_wait(error: &io::Error) -> bool {
     matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted)
 }

@@ -6,9 +6,8 @@
 //!                                          └────────────────────┘
 //! ```
 //!
-//! The firmware cannot tell the difference: conversions take as long as on the SkinProc board, and its clock
-//! shows the times it should ([`PacedClock`]). One thing differs: the calibration is lost when the process
-//! ends.
+//! Conversions take as long as on the SkinProc board, and the clock shows the same times
+//! ([`PacedClock`]). Only the calibration is lost when the process ends.
 
 mod clock;
 mod instrument;
@@ -37,26 +36,24 @@ use shell_data::lock::lock;
 #[derive(Clone, Debug)]
 pub struct BoardSettings {
     pub load: Load,
-    /// Seed of the recording: noise, light, temperature and faults.
+    /// Determines noise, light, temperature and faults.
     pub seed: u64,
     pub unit_seed: u64,
-    /// Factor on all random noise.
     pub noise_scale: f64,
-    /// The faults of the radio, in either direction.
+    /// In both directions.
     pub faults: Faults,
-    /// Times of the rising edges at the sync input, s after the board's start.
+    /// Rising edges at the sync input, s after the board's start.
     pub sync_s: Vec<f64>,
 }
 
 impl BoardSettings {
-    /// A board of unit 1 with its usual noise, on a perfect radio, without edges at its sync input.
+    /// Sets up a board of unit 1 with its usual noise, on a perfect radio, without edges.
     pub fn new(load: Load, seed: u64) -> Self {
         let (faults, sync_s) = (Faults::default(), Vec::new());
         Self { load, seed, unit_seed: 1, noise_scale: 1.0, faults, sync_s }
     }
 }
 
-/// A board that runs until the process ends.
 #[derive(Debug)]
 pub struct SimulatedBoard {
     port: String,
@@ -65,20 +62,13 @@ pub struct SimulatedBoard {
 }
 
 impl SimulatedBoard {
-    /// Starts a board on a pty.
-    ///
-    /// # Errors
-    /// [`SimulationError`].
     #[cfg(unix)]
     pub fn start(settings: BoardSettings) -> Result<Self, SimulationError> {
         let no_pty = |error| SimulationError(format!("cannot make a pty: {error}"));
         Self::on(settings, |radios| SerialLine::open(radios).map_err(no_pty))
     }
 
-    /// Starts a board that is reached at an address, by one host at a time.
-    ///
-    /// # Errors
-    /// [`SimulationError`].
+    /// Starts a board on TCP, for one host at a time.
     pub fn listen(settings: BoardSettings, at: SocketAddr) -> Result<Self, SimulationError> {
         let no_socket = |error| SimulationError(format!("cannot listen at {at}: {error}"));
         Self::on(settings, |radios| SerialLine::listen(at, radios).map_err(no_socket))
@@ -91,7 +81,7 @@ impl SimulatedBoard {
         let BoardSettings { load, seed, unit_seed, noise_scale, faults, sync_s } = settings;
         let unit = SensorParameters::noisy_unit(unit_seed, noise_scale)?;
         let sensor = SensorModel::new(&unit, seed)?;
-        // The two directions of the radio fail independently.
+        // The two directions fail independently.
         let radio = |way| Radio::new(faults, seed << 1 | way).map(|it| Arc::new(Mutex::new(it)));
         let radios = [radio(0)?, radio(1)?];
         let SerialLine { port, packets, receiver } = line(&radios)?;
@@ -103,7 +93,7 @@ impl SimulatedBoard {
             let from_host = (receiver, SlotMemory(None));
             let mut record = [0; RECORD];
             let station = Station::new(setup(unit_seed), clock.clone(), &mut record);
-            // A stopped process is not a hanging board: there is no watchdog.
+            // No watchdog: a stopped process is not a hanging board.
             let next_edge = async || sync_input.next_edge().await;
             clock.run(station.run(front_end, to_host, from_host, next_edge, || {}));
         });
@@ -114,13 +104,12 @@ impl SimulatedBoard {
         &self.port
     }
 
-    /// The counts of packets to the host, and of those to the board.
     pub fn books(&self) -> [Books; 2] {
         self.radios.each_ref().map(|radio| lock(radio).books())
     }
 }
 
-/// The serial number of an instrument; that of the shipped data is 1.
+/// The shipped data has 1.
 fn serial(unit_seed: u64) -> [u8; 12] {
     let mut serial = *b"simulated   ";
     if unit_seed != 1 {
@@ -130,7 +119,6 @@ fn serial(unit_seed: u64) -> [u8; 12] {
     serial
 }
 
-/// The firmware's information on its board.
 fn setup(unit_seed: u64) -> BoardSetup {
     BoardSetup {
         identity: Identity {
@@ -139,12 +127,12 @@ fn setup(unit_seed: u64) -> BoardSetup {
             serial: serial(unit_seed),
             min_period_us: 1_000,
         },
-        // From the system's source of randomness, from which the standard library seeds its hashes.
+        // Random, from the seed of the standard library's hashes.
         start: RandomState::new().build_hasher().finish() as u16,
         reset_cause: ResetCause::Power,
         last_words: LastWords::new(),
         conversion_ns: instrument::CONVERSION_NS,
-        // Its line has no rate, and there is no bootloader for flashing.
+        // The line has no rate, and there is no bootloader for flashing.
         rate: None,
         rates: &[],
         has_bootloader: false,

@@ -1,4 +1,4 @@
-//! The forces of beams and legs on the shell.
+//! Forces of beams and legs on the shell.
 
 use std::f64::consts::TAU;
 
@@ -6,23 +6,22 @@ use super::gait::smooth_step;
 use shell_data::random::RandomStream;
 use shell_data::wrench::{PerAxis, cross};
 
-/// A channel of beams, by the level of its forces.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct ChannelForces {
-    /// Its name in manifests: the largest deflection of the beams.
+    /// Name in manifests: the largest deflection of the beams.
     pub name: &'static str,
-    /// Mean drag while the robot is in the channel, N.
+    /// Mean in the channel.
     pub drag_n: f64,
     /// Mean lift, N; negative presses the robot down.
     pub lift_n: f64,
-    /// Specific resistance, which determines the robot's speed at its motors' power.
+    /// Determines the robot's speed at its motors' power.
     pub specific_resistance: f64,
 }
 
 impl ChannelForces {
-    /// The five channels of the paper, with its mean specific resistances and, for deflections of 1, 2 and 3
-    /// cm, its mean drag (§V-B). At 0 cm the published energies per stride, −0.52 against −9.12 mJ, put the
-    /// drag at 0.52/9.12 · 0.13 N. The paper plots the lift without numbers: it is negative, and grows with
+    /// The five channels of the paper, with its mean specific resistances and, for 1, 2 and 3 cm,
+    /// its mean drag (§V-B). At 0 cm the energies per stride, −0.52 against −9.12 mJ, put the drag
+    /// at 0.52/9.12 · 0.13 N. The paper plots the lift without numbers: negative, and growing with
     /// the drag; here it is 1.2 times as large.
     pub const PAPER: [Self; 5] = {
         const fn of(name: &'static str, drag_n: f64, specific_resistance: f64) -> ChannelForces {
@@ -37,7 +36,6 @@ impl ChannelForces {
         ]
     };
 
-    /// The condition of the paper with this name.
     pub fn named(name: &str) -> Option<Self> {
         Self::PAPER.into_iter().find(|condition| condition.name == name)
     }
@@ -52,7 +50,7 @@ pub(super) struct BeamContact {
     legs: [[Wave; 2]; 3],
 }
 
-/// One sine: relative to the level in the channel over time, or in N over the leg angle.
+/// A sine: relative to the channel's mean over time, or in N over the leg angle.
 #[derive(Clone, Copy, Debug)]
 struct Wave {
     size: f64,
@@ -68,14 +66,13 @@ impl Wave {
 
 /// Distance between beams along the channel, m (paper, §IV-A).
 const BEAM_PITCH_M: f64 = 0.025;
-/// Amplitude of the oscillation that the legs excite, N, at once and twice the stride frequency: of the order
-/// found in the real recordings at stride frequency.
+/// Amplitude that the legs excite, N, at once and twice the stride frequency, as in reality.
 const SHAKING_N: [[f64; 2]; 3] = [[0.10, 0.05], [0.12, 0.06], [0.15, 0.08]];
-/// The point at which the beams press, relative to the sensor's origin: ahead and above, m.
+/// Point of pressure relative to the sensor's origin: ahead and above, m.
 const CONTACT_M: [f64; 3] = [0.02, 0.0, 0.02];
 
 impl BeamContact {
-    /// A contact in the channel over `window_s`; entry and exit each take a share `entering` of it.
+    /// Creates a contact over `window_s`; entry and exit each take a share `entering` of it.
     pub(super) fn new(
         condition: ChannelForces,
         window_s: [f64; 2],
@@ -108,8 +105,7 @@ impl BeamContact {
         Self { condition, window_s, entering, beams, legs }
     }
 
-    /// The wrench at `time_s`, N and N·m, with the right leg at `leg_rad` and running at a share `running` of
-    /// full speed.
+    /// Returns the wrench, N and N·m; `running` is the share of full speed.
     pub(super) fn wrench_at(&self, time_s: f64, leg_rad: f64, running: f64) -> PerAxis<f64> {
         let sway: f64 = self.beams.iter().map(|wave| wave.at(time_s)).sum();
         let level = self.profile(time_s) * (1.0 + sway);
@@ -121,13 +117,13 @@ impl BeamContact {
         std::array::from_fn(|axis| if axis < 3 { force[axis] } else { moment[axis - 3] })
     }
 
-    /// Up, level, down: 0 outside the window, and 1 in it on average.
+    /// Rises, stays and falls: 0 outside the window, and 1 in it on average.
     fn profile(&self, time_s: f64) -> f64 {
         let [enter_s, exit_s] = self.window_s;
         let ramp_s = self.entering * (exit_s - enter_s);
         let share =
             smooth_step((time_s - enter_s) / ramp_s) * smooth_step((exit_s - time_s) / ramp_s);
-        // The average over a ramp is half its level.
+        // A ramp is half on average.
         share / (1.0 - self.entering)
     }
 }
@@ -149,7 +145,7 @@ mod tests {
                     .sum::<f64>()
                     / 6000.0
             };
-            // The sway goes through four cycles or more, except at the ends: within a tenth or so.
+            // The sway goes through at least four cycles, except at the ends: within a tenth or so.
             assert!((mean(0) / -0.13 - 1.0).abs() < 0.15, "{}", mean(0));
             assert!((mean(2) / (-0.13 * 1.2) - 1.0).abs() < 0.15);
             assert_eq!(contact.wrench_at(0.9, 0.0, 0.0), [-0.0, 0.0, -0.0, 0.0, 0.0, 0.0]);

@@ -1,21 +1,20 @@
 //! Battery and motors: voltage and power that follow from the controller's duty.
 //!
-//! The power of a motor is the lab's formula, with d the duty as a fraction, V the battery's
-//! voltage, e the back EMF and R the winding's resistance,
+//! The power of a motor is the lab's formula, with duty d as a fraction, battery voltage V, back
+//! EMF e and winding resistance R,
 //!
 //! ```text
 //! P = |d V (V − e) / R|,
 //! ```
 //!
-//! so that the battery delivers I = |d| (V − e)/R to each motor, and its voltage sags: V = V₀ − r ΣI − (drain
-//! so far), solved for V, in which it is linear.
+//! so that the battery delivers I = |d| (V − e)/R to each motor, and its voltage sags: V = V₀ − r
+//! ΣI − (drain so far), solved for V, in which it is linear.
 
 use super::CONSTANTS;
 use super::gait::{Gait, LegSide};
 use shell_data::random::RandomStream;
 
 const FULL_DUTY: f64 = 4096.0;
-/// The controller's upper limit, counts.
 const DUTY_LIMIT: f64 = 3000.0;
 /// Mean duty and its scatter between rows, counts: the real log has 1,560 ± 1,040.
 const DUTY: [f64; 2] = [1550.0, 700.0];
@@ -23,14 +22,12 @@ const DUTY: [f64; 2] = [1550.0, 700.0];
 const FEET_DUTY: f64 = 500.0;
 /// Back EMF at the legs' speed, V·s/rad: the real log has 157 counts, 1.59 V, at 13 turns a second.
 const BACK_EMF_V_S: f64 = 1.59 / (std::f64::consts::TAU * 13.0);
-/// Open-circuit voltage of the battery, V: 882 counts in the real log before the motors start.
+/// 882 counts in the real log before the motors start.
 const OPEN_V: f64 = 3.899;
-/// Its internal resistance, Ω: it sags by 0.14 V under 0.45 A.
+/// A sag of 0.14 V under 0.45 A.
 const INTERNAL_OHM: f64 = 0.31;
-/// Voltage drop per second of running, V.
 const DRAIN_V_S: f64 = 0.002;
 
-/// Duty of both motors, row by row, and the quantities that follow from it.
 #[derive(Clone, Debug)]
 pub(super) struct Drive {
     start_s: f64,
@@ -38,7 +35,6 @@ pub(super) struct Drive {
 }
 
 impl Drive {
-    /// The controller's duty at each of the times.
     pub(super) fn new(
         gait: &Gait,
         start_s: f64,
@@ -63,7 +59,6 @@ impl Drive {
         Self { start_s, duty }
     }
 
-    /// Duty of a motor from row `row` on, counts.
     pub(super) fn duty(&self, side: LegSide, row: usize) -> f64 {
         self.duty[side as usize][row]
     }
@@ -72,7 +67,6 @@ impl Drive {
         BACK_EMF_V_S * gait.speed_rad_s(side, time_s)
     }
 
-    /// The battery's voltage at `time_s`, with the duty of row `row`, V.
     pub(super) fn battery_v(&self, gait: &Gait, row: usize, time_s: f64) -> f64 {
         let drained_v = DRAIN_V_S * (time_s - self.start_s).max(0.0);
         // I = |d| (V − e)/R for each, V = V₀ − r ΣI.
@@ -96,12 +90,11 @@ impl Drive {
     }
 }
 
-/// Mean power of both motors at a stride frequency, W, to some percent: it determines the robot's speed, but
-/// is not the reference of a trial.
+/// Mean power of both motors, W, to some percent: sets the robot's speed, not the reference.
 pub(super) fn usual_power_w(stride_hz: f64) -> f64 {
     let battery_v = 3.76;
     let emf_v = BACK_EMF_V_S * std::f64::consts::TAU * stride_hz;
-    // Negative duty counts as power too, and the duty is limited: a mean of 1,550 counts becomes 1,560.
+    // Negative duty counts as power too, and is limited: a mean of 1,550 counts becomes 1,560.
     2.0 * 1560.0 / FULL_DUTY * battery_v * (battery_v - emf_v).abs()
         / CONSTANTS.motor_resistance_ohm
 }

@@ -1,20 +1,20 @@
 //! The legs: angle over time, and the speed that follows.
 //!
-//! Both sides are driven at one stride frequency f, half a turn apart (alternating tripods). The drive's
-//! angle starts and stops smoothly,
+//! Both sides are driven at one stride frequency f, half a turn apart (alternating tripods). The
+//! drive's angle starts and stops smoothly,
 //!
 //! ```text
 //! θ(t) = 2π f [U(t − t₀) − U(t − t₁) + U(t − t₂)],  U' a smooth step, stalled from t₁ to t₂,
 //! ```
 //!
-//! and a leg deviates from it in both directions, twice a turn (its feet load it) and slowly (the controller
-//! permits it): φ = θ + a sin(2θ + α) + b sin(θ/5 + β). As a and b are small, φ never runs backwards.
+//! and a leg deviates from it twice a turn (its feet load it) and slowly (the controller permits
+//! it): φ = θ + a sin(2θ + α) + b sin(θ/5 + β). As a and b are small, φ never runs backwards.
 
 use std::f64::consts::{PI, TAU};
 
 use shell_data::random::RandomStream;
 
-/// Time from standstill to full speed, s.
+/// From standstill to full speed.
 const SPIN_UP_S: f64 = 0.06;
 /// Amplitude of a leg's deviation twice a turn, rad.
 const AHEAD_RAD: f64 = 0.06;
@@ -22,7 +22,6 @@ const AHEAD_RAD: f64 = 0.06;
 const WANDER_RAD: f64 = 0.15;
 const WANDER_TURNS: f64 = 5.0;
 
-/// The motion of both legs.
 #[derive(Clone, Debug)]
 pub struct Gait {
     stride_hz: f64,
@@ -47,12 +46,10 @@ pub enum LegSide {
 }
 
 impl LegSide {
-    /// Both, in the order of the telemetry's columns.
     pub const BOTH: [LegSide; 2] = [LegSide::Right, LegSide::Left];
 }
 
 impl Gait {
-    /// Legs that start at `start_s` and may stall between two times; `random` determines their deviations.
     pub(super) fn new(
         stride_hz: f64,
         start_s: f64,
@@ -81,19 +78,17 @@ impl Gait {
         self.drive_rad(time_s) + self.leg(side).offset_rad
     }
 
-    /// The share of full speed at which the legs run, 0 to 1.
     pub(super) fn share(&self, time_s: f64) -> f64 {
         let step = |from_s: f64| smooth_step((time_s - from_s) / SPIN_UP_S);
         step(self.start_s) - self.stall_s.map_or(0.0, |[from, to]| step(from) - step(to))
     }
 
-    /// Returns true if the legs are stalled at `time_s`: held although they are driven.
+    /// Returns true if the legs are stalled: held although they are driven.
     pub(super) fn is_stalled(&self, time_s: f64) -> bool {
         self.stall_s.is_some_and(|[from, to]| (from..to).contains(&time_s))
     }
 
-    /// The time at which a leg first reaches `angle_rad`, s, to a nanosecond; `None` if it does not before
-    /// `end_s`, or already has at the start.
+    /// Returns the time of reaching `angle_rad`, to a nanosecond, between start and `end_s`.
     pub(crate) fn time_of(&self, side: LegSide, angle_rad: f64, end_s: f64) -> Option<f64> {
         let (mut low, mut high) = (self.start_s, end_s);
         let reached = |time_s: f64| self.angle_rad(side, time_s) >= angle_rad;
@@ -133,13 +128,12 @@ impl Leg {
     }
 }
 
-/// From 0 at x ≤ 0 to 1 at x ≥ 1 with a continuous slope.
+/// Rises from 0 at x ≤ 0 to 1 at x ≥ 1 with a continuous slope.
 pub(super) fn smooth_step(x: f64) -> f64 {
     let x = x.clamp(0.0, 1.0);
     x * x * (3.0 - 2.0 * x)
 }
 
-/// The integral of [`smooth_step`] from 0.
 fn smooth_ramp(x: f64) -> f64 {
     let u = x.clamp(0.0, 1.0);
     u * u * u * (1.0 - 0.5 * u) + (x - 1.0).max(0.0)

@@ -1,4 +1,4 @@
-//! A robot with the shell on its back runs through a channel: its telemetry, and the truth of every result.
+//! A robot with the shell runs through a channel: its telemetry, and the truth of every result.
 //!
 //! ```text
 //! Gait ── leg angles ──► encoder counts          Truth: integrals of the same functions,
@@ -7,17 +7,15 @@
 //!  ╰─► Contact: drag, lift, shaking ── wrench ──► SensorModel (100 Hz) ──► readings
 //! ```
 //!
-//! [`VirtualTrial`] is one trial, a function of its settings and seeds to the last bit. Rows come at 1 kHz of
-//! the robot's clock, as integers in the columns of the lab's telemetry ([`TelemetryRow`]); readings are
-//! fresh at 100 Hz and repeated in between.
+//! [`VirtualTrial`] is one trial, a function of its settings and seeds to the last bit. Rows come
+//! at 1 kHz of the robot's clock, as integers in the columns of the lab's telemetry
+//! ([`TelemetryRow`]); readings are fresh at 100 Hz and repeated in between.
 //!
-//! The robot stands, starts, enters the channel and leaves it. The window of the trial is from first to last
-//! contact with the beams, in which the robot covers the length of the channel: v̄ = l/(t_exit − t_enter).
-//! The speed follows from the condition's specific resistance and the usual power of the motors, v̄ = P/(m g
-//! η), with a scatter of 3 % between trials.
+//! The window of the trial is from first to last contact with the beams, in which the robot covers
+//! the length of the channel: v̄ = l/(t_exit − t_enter). The speed follows from the condition's
+//! specific resistance and the motors' usual power, v̄ = P/(m g η), with a scatter of 3 %.
 //!
-//! Not modelled: the dynamics of the body. Angular rates and accelerations exist as columns, but are only
-//! oscillations at stride frequency with noise.
+//! Not modelled: the body's dynamics. Its columns hold oscillations at stride frequency with noise.
 
 mod channel;
 mod drive;
@@ -42,23 +40,20 @@ use shell_data::wrench::PerAxis;
 /// Time between rows of the telemetry, s: 1 kHz, as in the real log.
 const ROW_S: f64 = 1001e-6;
 const FIRST_S: f64 = 302e-6;
-/// Time between frames of the sensor, s.
 const FRAME_S: f64 = 0.01;
-/// Time from the start of the legs to the channel, and from the channel to the end of the log, s.
+/// From the start of the legs to the channel, and from the channel to the end of the log.
 const APPROACH_S: [f64; 2] = [1.0, 1.3];
 const AFTERWARDS_S: f64 = 0.8;
 const STALL_S: f64 = 0.4;
 
-// The constants of the VelociRoACH and of the lab's telemetry are repeated here, not taken from the robot
-// profile that processes the trials: an error in either then shows as a difference.
+// Constants of the VelociRoACH and of the lab's telemetry, repeated so that an error in the robot
+// profile that processes the trials shows.
 
 /// Standard gravity, m/s² (3rd CGPM, 1901).
 const GRAVITY: f64 = 9.806_65;
-/// Encoder counts per turn.
 const TURN: i64 = 1 << 16;
 const RAD_PER_COUNT: f64 = TAU / TURN as f64;
 
-/// The constants of the robot and the channel.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Constants {
     pub mass_kg: f64,
@@ -75,34 +70,28 @@ const WEIGHT_N: f64 = CONSTANTS.mass_kg * GRAVITY;
 
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct TrialSettings {
-    /// Seed of the trial: its noise, light, temperature, phases and scatter.
+    /// Determines noise, light, temperature, phases and scatter.
     pub seed: u64,
     pub unit_seed: u64,
     pub condition: ChannelForces,
     pub stride_hz: f64,
-    /// Time that the robot stands before it starts, s.
     pub lead_in_s: f64,
-    /// Factor on the noise of readings and telemetry.
     pub noise_scale: f64,
     /// Noise of the encoders, counts (standard deviation).
     pub encoder_noise: f64,
     pub counter: Counter,
-    /// Share of the rows that are missing.
     pub missing: f64,
-    /// True if the legs stall in the channel.
     pub stall: bool,
-    /// True if the right encoder counts down.
     pub reversed: bool,
-    /// Springs without creep and hysteresis.
     pub elastic: bool,
 }
 
 impl TrialSettings {
-    /// Noise of the readings that gives the zero-load noise of the paper: 0.037 N, the root mean square of
-    /// its 0.040, 0.015 and 0.048 N; the sensor model has 0.0214 N at 1.
+    /// Noise that gives the zero-load noise of the paper, 0.037 N: the root mean square of its
+    /// 0.040, 0.015 and 0.048 N. The sensor model has 0.0214 N at 1.
     pub const PAPER_NOISE: f64 = 1.7;
 
-    /// The trial of a condition as the lab records it: 13 strides a second, no mishaps.
+    /// Sets up a trial as the lab records it: 13 strides a second, no mishaps.
     pub fn new(condition: ChannelForces, seed: u64) -> Self {
         Self {
             seed,
@@ -121,13 +110,12 @@ impl TrialSettings {
     }
 }
 
-/// The range of an encoder's count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Counter {
-    /// 32 bits with a sign, from somewhere in the middle: the lab's format.
+    /// The lab's format: 32 bits with a sign, from somewhere in the middle.
     Long,
-    /// 32 bits with a sign, from two seconds of running before the largest count: it wraps around.
+    /// The same, but it wraps around after two seconds of running.
     LongWrapping,
     /// From 0 to 65,535 in each turn.
     Turn,
@@ -141,20 +129,15 @@ pub struct VirtualTrial {
     contact: BeamContact,
     drive: Drive,
     sensor: SensorModel,
-    /// First and last contact with the beams, s on the robot's clock.
+    /// Contact with the beams, on the robot's clock.
     pub window_s: [f64; 2],
-    /// Times of the rows, s, including missing ones.
+    /// Includes missing rows.
     pub times_s: Vec<f64>,
     first_count: i64,
-    /// Time of the sensor's first frame, s.
     frame_delay_s: f64,
 }
 
 impl VirtualTrial {
-    /// Sets up a trial.
-    ///
-    /// # Errors
-    /// [`SimulationError`] if the settings are invalid.
     pub fn new(settings: TrialSettings) -> Result<Self, SimulationError> {
         check(&settings)?;
         let mut unit = SensorParameters::noisy_unit(settings.unit_seed, settings.noise_scale)?;
@@ -165,7 +148,7 @@ impl VirtualTrial {
         let usual_w = drive::usual_power_w(stride_hz);
         let usual_m_s = usual_w / (WEIGHT_N * condition.specific_resistance);
         let velocity_m_s = usual_m_s * (1.0 + 0.03 * random.normal().clamp(-3.0, 3.0));
-        // On the robot's clock, which counts whole µs.
+        // The robot's clock counts whole µs.
         let to_us = |time_s: f64| (time_s * 1e6).round() / 1e6;
         let enter_s = to_us(lead_in_s + random.between(APPROACH_S[0], APPROACH_S[1]));
         let exit_s = to_us(enter_s + CONSTANTS.channel_m / velocity_m_s);
@@ -180,8 +163,7 @@ impl VirtualTrial {
         let times_s: Vec<f64> = (0..rows).map(|row| to_us(FIRST_S + row as f64 * ROW_S)).collect();
         let mut controller = RandomStream::new(seed, Purpose::Controller, 0);
         let drive = Drive::new(&gait, lead_in_s, &times_s, &mut controller);
-        // A whole number of turns, as the encoder's zero is a position of the leg: about two seconds of
-        // running.
+        // Whole turns, as the encoder's zero is a position of the leg: about two seconds.
         let span = TURN * (2.0 * stride_hz) as i64;
         let first_count = match settings.counter {
             Counter::Long => 762 * TURN,
@@ -202,13 +184,12 @@ impl VirtualTrial {
         })
     }
 
-    /// The wrench on the shell at `time_s`, N and N·m.
     pub fn wrench_at(&self, time_s: f64) -> PerAxis<f64> {
         let leg_rad = self.gait.angle_rad(LegSide::Right, time_s);
         self.contact.wrench_at(time_s, leg_rad, self.gait.share(time_s))
     }
 
-    /// The sensor's frames with their times, s on the robot's clock.
+    /// Returns the sensor's frames with times on the robot's clock, s.
     pub fn frames(&self) -> impl Iterator<Item = (f64, SimulatedFrame)> {
         let mut sensor = self.sensor.clone();
         let end_s = self.times_s[self.times_s.len() - 1];

@@ -1,21 +1,19 @@
-//! The robot's telemetry: integers, in the columns of the lab's format.
+//! The robot's telemetry, in the columns of the lab's format.
 
 use super::drive::Drive;
 use super::{Counter, LegSide, VirtualTrial};
 use super::{GRAVITY, RAD_PER_COUNT, TURN};
 use shell_data::random::{Purpose, RandomStream};
 
-/// The columns, by the lab's names: first the robot's, then the sensor's.
+/// Columns by the lab's names: the robot's, then the sensor's.
 pub(crate) const COLUMNS: [&str; 2] = [
     "time | Right Leg Pos | Left Leg Pos | Commanded Right Leg Pos | Commanded Left Leg Pos | DCR | DCL | \
      GyroX | GyroY | GyroZ | AX | AY | AZ | RBEMF | LBEMF | VBatt",
     " | S1 | S2 | S3 | S4 | S5 | S6 | S7 | S8",
 ];
 
-/// The number of columns before those of the sensor.
 pub(crate) const TELEMETRY_COLUMNS: usize = 16;
 
-/// One row of telemetry, in the order of its columns.
 pub type TelemetryRow = [i64; 24];
 
 /// The encoders have 14 bits, scaled to sixteen.
@@ -23,19 +21,18 @@ const ENCODER_STEP: f64 = 4.0;
 /// Noise of back EMF and battery, counts (standard deviations), as in the real log.
 const BACK_EMF_NOISE: f64 = 12.0;
 const BATTERY_NOISE: f64 = 3.0;
-/// Angular rate, °/s, and acceleration, m/s², of the body: their amplitude at stride frequency and their
-/// noise, of the order found in the real log.
+/// Gyro, °/s, and acceleration, m/s²: amplitude at stride frequency and noise, as in the real log.
 const GYRO_DEG_S: [f64; 2] = [100.0, 60.0];
 const ACCELERATION_M_S2: [f64; 2] = [4.0, 5.0];
 
 impl VirtualTrial {
-    /// The rows of the log, without the missing ones.
+    /// Returns the rows without the missing ones.
     pub fn rows(&self) -> impl Iterator<Item = TelemetryRow> {
         let seed = self.settings.seed;
         let mut noise = RandomStream::new(seed, Purpose::Telemetry, 0);
         let mut losses = RandomStream::new(seed, Purpose::Losses, 0);
         let mut frames = self.frames().peekable();
-        // Before its first frame the sensor repeats its previous reading, which differs only by noise.
+        // Before its first frame the sensor repeats its previous reading, equal but for noise.
         let mut readings = frames.peek().map(|(_, frame)| frame.readings).unwrap_or_default();
         self.times_s.iter().enumerate().filter_map(move |(row, &time_s)| {
             while let Some((_, frame)) = frames.next_if(|&(at_s, _)| at_s <= time_s) {
@@ -49,7 +46,7 @@ impl VirtualTrial {
         })
     }
 
-    /// The columns of the robot; those of the sensor are zero.
+    /// Fills the robot's columns; the sensor's stay zero.
     fn telemetry(&self, row: usize, time_s: f64, noise: &mut RandomStream) -> TelemetryRow {
         let mut values = TelemetryRow::default();
         let scale = self.settings.noise_scale;
@@ -82,7 +79,6 @@ impl VirtualTrial {
         values
     }
 
-    /// An angle in counts as the encoder shows it.
     fn count(&self, side: LegSide, angle: f64) -> i64 {
         let backwards = self.settings.reversed && side == LegSide::Right;
         let turned = if backwards { -angle } else { angle }.round() as i64;
@@ -93,7 +89,7 @@ impl VirtualTrial {
         }
     }
 
-    /// The times at which the right encoder's count, without noise, passes whole turns, s, in order.
+    /// Returns the times at which the right encoder's noiseless count passes whole turns, in order.
     pub fn turns_s(&self) -> Vec<f64> {
         let end_s = self.times_s[self.times_s.len() - 1];
         let first = self.first_count;

@@ -1,33 +1,26 @@
 //! The truth of a trial: integrals of the functions that generated it.
 //!
-//! Duty is constant between rows and all else is smooth, so every stretch between two rows is integrated
-//! separately by Simpson's rule. The result is exact to some 1e-8, due to the corners at starts and stalls of
-//! the legs.
+//! Duty is constant between rows and all else is smooth, so each interval is integrated by
+//! Simpson's rule. Corners at starts and stalls of the legs leave errors of some 1e-8.
 
 use super::{CONSTANTS, Constants, TrialSettings, VirtualTrial, WEIGHT_N};
 use shell_data::wrench::PerAxis;
 
-/// The true results of a trial, in SI units.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Truth {
-    /// First contact with the beams, s on the robot's clock.
     pub t_enter_s: f64,
-    /// Last contact, s.
     pub t_exit_s: f64,
-    /// Mean speed in the window, m/s.
     pub velocity_m_s: f64,
-    /// Mean wrench in the window: Fx, Fy, Fz in N, Mx, My, Mz in N·m.
     pub mean_wrench: PerAxis<f64>,
     /// Mean Fx times the length of the channel, J.
     pub drag_energy_j: f64,
-    /// Integral of both motors' power, J.
     pub electrical_energy_j: f64,
     pub mean_power_w: f64,
     /// Mean power over weight and speed.
     pub specific_resistance: f64,
-    /// The strides: whole turns of the right leg's encoder within the window.
+    /// Whole turns of the right encoder within the window.
     pub strides: Vec<StrideTruth>,
-    /// The times at which the right encoder's count passes whole turns, in the whole log, s.
+    /// Whole turns of the right encoder in the whole log.
     pub turns_s: Vec<f64>,
     pub constants: Constants,
     pub settings: TrialSettings,
@@ -38,16 +31,13 @@ pub struct StrideTruth {
     pub t_start_s: f64,
     pub t_end_s: f64,
     pub mean_fx_n: f64,
-    /// Mean Fx times mean speed times duration, J.
+    /// Mean Fx times mean speed times duration.
     pub drag_energy_j: f64,
-    /// Integral of both motors' power, J.
     pub electrical_energy_j: f64,
-    /// Mean power over weight and mean speed of the trial.
     pub specific_resistance: f64,
 }
 
 impl VirtualTrial {
-    /// The truth of every result.
     pub fn truth(&self) -> Truth {
         let Constants { channel_m, .. } = CONSTANTS;
         let [enter_s, exit_s] = self.window_s;
@@ -86,7 +76,6 @@ impl VirtualTrial {
         }
     }
 
-    /// Integrals of the six axes of the wrench and of the power.
     fn integrate(&self, from_s: f64, to_s: f64) -> [f64; 7] {
         let at = |row: usize, time_s: f64| -> [f64; 7] {
             let wrench = self.wrench_at(time_s);
@@ -145,10 +134,11 @@ mod tests {
         let (first, last) = (&strides[0], &strides[strides.len() - 1]);
         let whole = trial.integrate(first.t_start_s, last.t_end_s);
         let electrical_j: f64 = strides.iter().map(|stride| stride.electrical_energy_j).sum();
-        // The two integrals are cut at different times, each with its own error of Simpson's rule.
+        // The integrals are cut at different times, with different errors of Simpson's rule.
         assert!((electrical_j / whole[6] - 1.0).abs() < 1e-7);
         let impulse: f64 = strides.iter().map(|s| s.mean_fx_n * (s.t_end_s - s.t_start_s)).sum();
-        // The stall's corners, where the second derivative jumps by 250 N/s², each contribute 1 ms³ of that.
+        // Each corner of the stall, with a jump of 250 N/s² in the second derivative, adds 1 ms³ of
+        // it.
         assert!((impulse / whole[0] - 1.0).abs() < 1e-7);
     }
 
@@ -164,7 +154,7 @@ mod tests {
             let rows: Vec<_> = trial.rows().collect();
             let turn_of = |row: &super::super::TelemetryRow| row[1].div_euclid(1 << 16);
             let within = |row: &super::super::TelemetryRow| row[1].rem_euclid(1 << 16);
-            // A fast leg moves 900 counts between rows: only a wrap moves it by more than half a turn.
+            // A fast leg moves 900 counts between rows; only a wrap moves it by half a turn.
             let wraps: Vec<_> = rows
                 .windows(2)
                 .filter(|pair| (within(&pair[1]) - within(&pair[0])).abs() > 1 << 15)

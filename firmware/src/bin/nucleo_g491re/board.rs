@@ -5,24 +5,23 @@ use embassy_stm32::adc::{AdcConfig, SampleTime};
 use embassy_stm32::{Config, pac, rcc};
 use shared_proto::Board;
 
-/// 2.3 µs, which gives the flicker formula the same Δ as on the SkinProc board. A source of 10 kΩ into the
-/// converter's 5 pF and 10 pF of wiring needs (10 kΩ + 1 kΩ) · 15 pF · ln 2¹⁴ = 1.6 µs (AN2834, "Analog
-/// signal source resistance").
+/// 2.3 µs, so that the flicker formula has the same Δ as on the SkinProc board. 10 kΩ into the
+/// converter's 5 pF and 10 pF of wiring need (10 kΩ + 1 kΩ) · 15 pF · ln 2¹⁴ = 1.6 µs (AN2834,
+/// "Analog signal source resistance").
 const SAMPLE_TIME: SampleTime = SampleTime::CYCLES92_5;
 
 /// 92.5 cycles of sampling and 12.5 of conversion at 40 MHz.
 const CONVERSION_NS: u32 = 2_625;
 
-/// The reference needs 4 µs of sampling, the thermometer 5 µs (DS13122, tables "Embedded internal voltage
-/// reference" and "TS characteristics"); this is 16 µs.
+/// 16 µs. The reference needs 4 µs, the thermometer 5 µs (DS13122, tables "Embedded internal
+/// voltage reference" and "TS characteristics").
 const SLOW_SAMPLE_TIME: SampleTime = SampleTime::CYCLES640_5;
 
-/// A rising edge of TIM6's trigger output starts conversions: EXTEN in CFGR, and 13 in EXTSEL (RM0440, table
-/// "ADC1/2 external triggers for regular channels").
+/// Conversions start at a rising edge of TIM6's trigger output: EXTEN in CFGR, and 13 in EXTSEL
+/// (RM0440, table "ADC1/2 external triggers for regular channels").
 const TRIGGER: u32 = 1 << 10 | 13 << 5;
 
-/// 80 MHz as on the SkinProc board, so that the line has the same rates. The chip can run at 170 MHz, but a
-/// frame does not need that.
+/// 80 MHz as on the SkinProc board, for the same baud rates; 170 MHz are not needed.
 fn clocks() -> Config {
     let mut config = start::clocks();
     config.rcc.hsi48 = None;

@@ -11,18 +11,18 @@ const SAMPLE_TIME: SampleTime = SampleTime::CYCLES247_5;
 /// 247.5 cycles of sampling and 12.5 of conversion at 80 MHz.
 const CONVERSION_NS: u32 = 3_250;
 
-/// The reference needs 4 µs of sampling, the thermometer 5 µs (DS11451, tables "Embedded internal voltage
-/// reference" and "TS characteristics"); this is 8 µs.
+/// 8 µs. The reference needs 4 µs, the thermometer 5 µs (DS11451, tables "Embedded internal voltage
+/// reference" and "TS characteristics").
 const SLOW_SAMPLE_TIME: SampleTime = SampleTime::CYCLES640_5;
 
-/// A rising edge of TIM6's trigger output starts conversions: EXTEN in CFGR, and 13 in EXTSEL (RM0394, table
-/// "ADC1 external triggers for regular channels").
+/// Conversions start at a rising edge of TIM6's trigger output: EXTEN in CFGR, and 13 in EXTSEL
+/// (RM0394, table "ADC1 external triggers for regular channels").
 const TRIGGER: u32 = 1 << 10 | 13 << 6;
 
 fn clocks() -> Config {
     let mut config = start::clocks();
     config.rcc.hsi = true;
-    // Off by default, in which case the converter never becomes ready.
+    // Off by default: the converter would never become ready.
     config.rcc.mux.adcsel = rcc::mux::Adcsel::SYS;
     config
 }

@@ -1,21 +1,20 @@
 //! The bootloader in the chip's ROM, started from the state after a reset.
 //!
-//! The bootloader expects every peripheral in its reset state (AN2606, "Bootloader activation"), and only a
-//! reset stops the watchdog. So `enter` writes a magic word to RAM and resets the chip. The start-up code
-//! finds the word before it sets anything up, and jumps to ROM.
+//! The bootloader expects every peripheral in its reset state (AN2606, "Bootloader activation"),
+//! and only a reset stops the watchdog. So `enter` writes a magic word to RAM and resets the chip,
+//! and the start-up code jumps to ROM before it sets anything up.
 #![expect(unsafe_code, reason = "the code before RAM is set up is assembly")]
 
 use core::arch::global_asm;
 use core::mem::MaybeUninit;
 use core::ptr::addr_of_mut;
 
-/// The magic word; RAM holds it by chance after one power-on in four thousand million.
+/// RAM holds it by chance after one power-on in four thousand million.
 const WANTED: u32 = 0xB007_10AD;
 
 #[unsafe(link_section = ".uninit.bootloader")]
 static mut WORD: MaybeUninit<u32> = MaybeUninit::uninit();
 
-/// Writes the magic word and resets the chip.
 pub(crate) fn enter() -> ! {
     cortex_m::interrupt::disable();
     // SAFETY: interrupts are off and this function does not return, so no other code accesses the word.
@@ -23,11 +22,10 @@ pub(crate) fn enter() -> ! {
     cortex_m::peripheral::SCB::sys_reset()
 }
 
-// Runs first after a reset, before RAM is initialised (cortex-m-rt, `__pre_init`): registers r0 to r3 only,
-// no stack.
+// Runs before RAM is initialised (cortex-m-rt, `__pre_init`): registers r0 to r3 only, no stack.
 //
-// The word is cleared first, so that the next reset starts the firmware again. On the way to the firmware,
-// VTOR is set: after the bootloader's Go command, the vectors are not at 0.
+// Clears the word, so that the next reset starts the firmware. VTOR is set because after the
+// bootloader's Go command the vectors are not at 0.
 global_asm!(
     ".section .text.__pre_init, \"ax\", %progbits",
     ".global __pre_init",

@@ -1,11 +1,10 @@
-//! The eight emitters and ADC1, which converts their phototransistors: sums of conversions with little work
-//! for the core (RM0394, chapter 16; RM0440, chapter 21).
+//! The eight emitters and ADC1, which converts their phototransistors: sums of conversions with
+//! little work for the core (RM0394, chapter 16; RM0440, chapter 21).
 //!
-//! The oversampler adds up 2, 4, 8 or 16 conversions before it interrupts the core ("Oversampler"). Sixteen
-//! 12-bit codes are the most that fit in its 16 bits without a shift, and so without rounding. Any other
-//! number is split into such bursts, the largest first; the interrupt at the end of one starts the next. The
-//! interrupt also switches the emitters, and TIM6 starts the next burst after the settling time. So the task
-//! sleeps from the first conversion of a channel to the last.
+//! The oversampler adds up 2, 4, 8 or 16 conversions before it interrupts the core ("Oversampler");
+//! more 12-bit codes do not fit in its 16 bits without rounding. Any other number is split into
+//! such bursts, the largest first. The interrupt at the end of a burst starts the next and switches
+//! the emitters, and TIM6 adds the settling time. So the task sleeps meanwhile.
 #![expect(
     unsafe_code,
     reason = "an interrupt is handled and enabled here, and two codes are read from the system memory"
@@ -33,23 +32,21 @@ use embassy_time::Instant;
 use firmware::{Factory, FrontEnd};
 use shared_proto::{CHANNELS, Vitals};
 
-/// Longest pause between conversions, in µs. A conversion that starts more than 1 ms after the previous one
-/// may be wrong and must be discarded (STM32L432xx/442xx errata, "Wrong ADC result if conversion done late
-/// after calibration or previous conversion"); on other chips discarding it costs little. The margin is for
-/// starting the conversion.
+/// Longest pause between conversions, µs, with a margin. One that starts more than 1 ms after the
+/// previous may be wrong (STM32L432xx/442xx errata, "Wrong ADC result if conversion done late after
+/// calibration or previous conversion"); on other chips discarding it costs little.
 const LONGEST_PAUSE_US: u64 = 900;
 
 /// Exponent of the longest burst, 2⁴ conversions: 16 · 4095 is below 2¹⁶.
 const LONGEST_BURST: u32 = 4;
 
-/// Register bits for which the library has different types in each family: CR.ADSTP; CFGR.EXTEN and EXTSEL.
+/// Register bits whose types in the library differ by family: CR.ADSTP; CFGR.EXTEN and EXTSEL.
 const ADSTP: u32 = 1 << 4;
 const TRIGGER: u32 = 0b11 << 10 | 0b1_1111 << 5;
 
-/// Conversions of the reference and of the thermometer; both together take less than [`firmware::VITALS_US`].
+/// For reference and thermometer; together they take less than [`firmware::VITALS_US`].
 const VITAL_CONVERSIONS: u8 = 4;
 
-/// The emitters, which the interrupt switches.
 static EMITTERS: Mutex<CriticalSectionRawMutex, RefCell<Option<[Output<'static>; CHANNELS]>>> =
     Mutex::new(RefCell::new(None));
 
@@ -61,7 +58,7 @@ fn light(emitter: u8, on: bool) {
     });
 }
 
-/// State of the running sums. The task writes it while the converter is idle, the interrupt while it runs.
+/// State of the sums. The task writes it while the converter is idle, the interrupt while it runs.
 static STATE: ConverterState = ConverterState {
     sums: [AtomicU32::new(0), AtomicU32::new(0), AtomicU32::new(0)],
     at: AtomicU8::new(0),
@@ -77,26 +74,22 @@ static STATE: ConverterState = ConverterState {
 
 struct ConverterState {
     sums: [AtomicU32; 3],
-    /// Index of the current sum, and of the last one; all sums are done when `at` exceeds `last`.
+    /// Current sum, and last one; all are done when `at` exceeds `last`.
     at: AtomicU8,
     last: AtomicU8,
-    /// Conversions per sum.
     conversions: AtomicU8,
-    /// Conversions still missing from the sum.
     left: AtomicU8,
-    /// Conversions in the current burst; zero if its result is to be discarded.
+    /// Conversions in the current burst; zero to discard its result.
     burst: AtomicU8,
-    /// True if the converter is idle for less than [`LONGEST_PAUSE_US`] between two sums.
+    /// True if the converter pauses less than [`LONGEST_PAUSE_US`] between two sums.
     stays_fresh: AtomicBool,
-    /// The emitter that is lit during the second of three sums.
     emitter: AtomicU8,
-    /// CFGR fields for a start by the timer.
     trigger: AtomicU32,
     done: AtomicWaker,
 }
 
 impl ConverterState {
-    /// Starts a sum; a conversion to discard comes first if the converter was idle for long.
+    /// Starts a sum, after a conversion to discard if the converter was idle for long.
     fn begin(&self, is_fresh: bool) {
         let conversions = self.conversions.load(Ordering::Relaxed);
         self.left.store(conversions, Ordering::Relaxed);
@@ -109,7 +102,6 @@ impl ConverterState {
         self.at.load(Ordering::Acquire) > self.last.load(Ordering::Relaxed)
     }
 
-    /// Handles the end of a burst, whose result is `codes`.
     fn end_burst(&self, codes: u16) {
         let at = self.at.load(Ordering::Relaxed);
         let burst = self.burst.load(Ordering::Relaxed);
@@ -134,7 +126,6 @@ impl ConverterState {
         self.start_settled();
     }
 
-    /// Lets the timer start the burst.
     fn start_settled(&self) {
         let trigger = self.trigger.load(Ordering::Relaxed);
         pac::ADC1.cfgr().modify(|config| config.0 |= trigger);
@@ -143,15 +134,15 @@ impl ConverterState {
     }
 }
 
-/// Returns the next burst of a sum with `conversions` left (at least one): its exponent, and its length.
+/// Returns exponent and length of the next burst of a sum with `conversions` left (at least one).
 fn longest_burst(conversions: u8) -> (u32, u8) {
     let exponent = conversions.checked_ilog2().unwrap_or(0).min(LONGEST_BURST);
     (exponent, 1 << exponent)
 }
 
-/// Sets the burst length to 2^`exponent` conversions. The converter has to be stopped.
+/// Sets bursts of 2^`exponent` conversions; the converter has to be stopped.
 fn set_oversampling(exponent: u32) {
-    // ROVSE and, from bit 2, OVSR; the type of the latter in the library differs between families.
+    // ROVSE and, from bit 2, OVSR, whose type in the library differs by family.
     let oversampling = exponent.checked_sub(1).map_or(0, |code| 1 | code << 2);
     pac::ADC1.cfgr2().write_value(Cfgr2(oversampling));
 }
@@ -161,8 +152,8 @@ fn start_burst() {
     pac::ADC1.cr().modify(|control| control.set_adstart(true));
 }
 
-/// Stops the converter: after a trigger it waits for the next one, and cannot be configured until it is
-/// stopped ("Stopping an ongoing conversion").
+/// Stops the converter, which otherwise waits for the next trigger and cannot be configured
+/// ("Stopping an ongoing conversion").
 fn stop() {
     if pac::ADC1.cr().read().adstart() {
         pac::ADC1.cr().modify(|control| control.0 |= ADSTP);
@@ -176,13 +167,12 @@ pub(crate) struct EndOfBurst;
 impl<I: Interrupt> Handler<I> for EndOfBurst {
     unsafe fn on_interrupt() {
         if pac::ADC1.isr().read().eoc() {
-            // Reading the data clears the interrupt. The data are the lower half of the register.
+            // Reading the data, the lower half of the register, clears the interrupt.
             STATE.end_burst(pac::ADC1.dr().read().0 as u16);
         }
     }
 }
 
-/// Returns the hardware number of an input that is configured for conversion.
 pub(crate) fn input_number(input: impl AdcChannel<ADC1>) -> u8 {
     input.degrade_adc().get_hw_channel()
 }
@@ -190,19 +180,18 @@ pub(crate) fn input_number(input: impl AdcChannel<ADC1>) -> u8 {
 /// Photointerrupters on ADC1: the converter, the emitters and the settling timer.
 pub(crate) struct Photointerrupters {
     _adc: Adc<'static, ADC1>,
-    /// Input numbers of the channels, and of reference and thermometer.
+    /// Inputs of the channels, and of reference and thermometer.
     channels: [u8; CHANNELS],
     vitals: [u8; 2],
     factory: Factory,
     timer: SettlingTimer,
-    /// Time at which the last conversion ended, in µs; `None` before the first.
+    /// End of the last conversion; `None` before the first.
     last_us: Option<u64>,
 }
 
 impl Photointerrupters {
-    /// Switches converter and timer on. `I` is the converter's interrupt, and `trigger` holds the EXTSEL and
-    /// EXTEN bits of CFGR that let TIM6 start conversions. The inputs' sample times are set already, and the
-    /// emitters are off.
+    /// Switches converter and timer on. `I` is the converter's interrupt, and `trigger` the EXTSEL
+    /// and EXTEN bits of CFGR for TIM6. Sample times are set already, and the emitters are off.
     pub(crate) fn new<I: Interrupt>(
         adc: Adc<'static, ADC1>,
         (channels, vitals): ([u8; CHANNELS], [u8; 2]),
@@ -222,13 +211,12 @@ impl Photointerrupters {
         Self { _adc: adc, channels, vitals, factory, timer, last_us: None }
     }
 
-    /// Returns the sum of at least one conversion of an input; the first starts after `settling_us`.
     async fn sum_of(&mut self, input: u8, conversions: u8, settling_us: u16) -> u32 {
         self.take(input, conversions, 1, settling_us, settling_us > 0).await;
         STATE.sums[0].load(Ordering::Relaxed)
     }
 
-    /// Takes sums to their end. If the future is dropped earlier, the converter and an emitter stay on.
+    /// Completes the sums. If the future is dropped earlier, the converter and an emitter stay on.
     async fn take(
         &mut self,
         input: u8,
@@ -288,7 +276,7 @@ impl FrontEnd for Photointerrupters {
         STATE.sums.each_ref().map(|sum| sum.load(Ordering::Relaxed))
     }
 
-    /// The first conversion follows a frame immediately, so no conversion is discarded.
+    /// The first conversion follows a frame immediately, so none is discarded.
     async fn vitals(&mut self) -> Vitals {
         let [reference, thermometer] = self.vitals;
         let reference = self.sum_of(reference, VITAL_CONVERSIONS, 0).await;
@@ -297,12 +285,10 @@ impl FrontEnd for Photointerrupters {
     }
 }
 
-/// Addresses of the thermometer's codes at 30 °C and at 130 °C (DS11451, table "Temperature sensor
-/// calibration values").
+/// Thermometer codes at 30 °C and 130 °C (DS11451, "Temperature sensor calibration values").
 const COLD: *const u16 = 0x1FFF_75A8 as *const u16;
 const HOT: *const u16 = 0x1FFF_75CA as *const u16;
 
-/// Reads the factory's calibration of the thermometer and of the voltage reference.
 fn factory_codes() -> Factory {
     // SAFETY: both addresses are in the chip's system memory, which is always readable.
     let (cold, hot) = unsafe { (COLD.read_volatile(), HOT.read_volatile()) };
@@ -311,7 +297,7 @@ fn factory_codes() -> Factory {
 
 /// TIM6, which times the settling of an emitter (RM0394, chapter 29; RM0440, chapter 30).
 ///
-/// It counts µs once; its update event is the trigger output that starts the converter.
+/// It counts µs once; its update event triggers the converter.
 struct SettlingTimer(Timer<'static, TIM6>);
 
 impl SettlingTimer {
@@ -327,7 +313,7 @@ impl SettlingTimer {
         Self(timer)
     }
 
-    /// Sets the count to `us`, at least two: the timer cannot count to zero.
+    /// Sets the count, at least two: the timer cannot count to zero.
     fn set(&self, us: u16) {
         let timer = self.0.regs_core();
         timer.arr().write(|reload| reload.set_arr(us.saturating_sub(1).max(1)));
@@ -335,8 +321,7 @@ impl SettlingTimer {
     }
 }
 
-/// Starts the timer. Called by the converter's interrupt while the task that owns the timer waits for the
-/// sums.
+/// Starts the timer, from the converter's interrupt while the timer's owner waits for the sums.
 fn start_settling() {
     pac::TIM6.cr1().modify(|control| control.set_cen(true));
 }

@@ -1,8 +1,8 @@
-//! The firmware's last message before a fatal error, kept in RAM across the reset that follows: a panic
-//! message, or the core's report of an instruction that it cannot execute or of a stack overflow.
+//! The firmware's last message before a fatal error, kept in RAM across the reset: a panic, a fault
+//! of the core, or a stack overflow.
 //!
-//! There is no memory below the stack (memory/stm32.x). A stack overflow is therefore a fault, and the
-//! exception frame that the core would push is lost; so the handler starts with a fresh stack.
+//! A stack overflow is a fault, as there is no memory below the stack (memory/stm32.x). The core's
+//! exception frame is lost, so the handler starts with a fresh stack.
 #![expect(unsafe_code, reason = "RAM that start-up does not clear, and a handler in assembly")]
 
 use core::arch::global_asm;
@@ -15,8 +15,7 @@ use cortex_m_rt::ExceptionFrame;
 use firmware::LastWords;
 use shared_proto::ResetCause;
 
-/// Marks valid words; the code of the cause of the following reset is added to it. Any other value is random
-/// RAM content after power-on.
+/// Marks valid words, plus the code of the reset's cause. After power-on, RAM is random.
 const MARK: u32 = 0x4C57_5200;
 
 #[repr(C)]
@@ -29,9 +28,7 @@ struct Words {
 #[unsafe(link_section = ".uninit.last_words")]
 static mut WORDS: MaybeUninit<Words> = MaybeUninit::uninit();
 
-/// Takes the words and the reset cause that the previous run left, if it left any.
-///
-/// Call this once, before interrupts are enabled.
+/// Takes words and reset cause of the previous run. Call once, before interrupts are enabled.
 pub(crate) fn take() -> Option<(ResetCause, LastWords)> {
     let words = addr_of_mut!(WORDS).cast::<Words>();
     // SAFETY: no other code runs yet, the memory exists, and any content is a valid value of the types read.
@@ -45,7 +42,6 @@ pub(crate) fn take() -> Option<(ResetCause, LastWords)> {
     Some((cause, LastWords::from_bytes(text.get(..len)?)))
 }
 
-/// Keeps the words and resets the board, with this cause.
 pub(crate) fn leave(cause: ResetCause, said: fmt::Arguments<'_>) -> ! {
     cortex_m::interrupt::disable();
     let words = addr_of_mut!(WORDS).cast::<Words>();
@@ -65,7 +61,7 @@ fn panic(info: &PanicInfo<'_>) -> ! {
     leave(ResetCause::Panic, format_args!("{info}"))
 }
 
-/// Configurable fault status register, which tells the cause of a fault (Arm DDI0403, B3.2.15).
+/// Configurable fault status register (Arm DDI0403, B3.2.15).
 const CFSR: *const u32 = 0xE000_ED28 as *const u32;
 
 // SAFETY: defined by memory/stm32.x. Only the symbol's address is used, below.

@@ -1,8 +1,8 @@
-//! Code shared by boards with an STM32L4 or STM32G4: drivers, faults, and the start-up from reset to the
-//! running firmware. Each board defines its pins, clocks and interrupts.
+//! Code shared by boards with an STM32L4 or STM32G4: drivers, faults and start-up. Each board
+//! defines its pins, clocks and interrupts.
 //!
-//! The two families have the same flash, USART, EXTI, RNG, watchdog and basic timer at the same addresses.
-//! Their converters differ in clocks, in inputs, in the name of an interrupt, and in the names of two
+//! Both families have the same flash, USART, EXTI, RNG, watchdog and basic timer at the same
+//! addresses. Their converters differ in clocks, inputs, and names of an interrupt and two
 //! registers.
 
 mod bootloader;

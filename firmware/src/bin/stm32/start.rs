@@ -25,7 +25,7 @@ use static_cell::{ConstStaticCell, StaticCell};
 /// The watchdog resets the board unless it is fed within this time.
 pub(crate) const WATCHDOG_US: u32 = 1_000_000;
 
-/// Returns how the previous run ended: the cause of the reset, and the words left before it.
+/// Returns the cause of the last reset, and the words left before it.
 ///
 /// Call this once, before anything else: it clears the records.
 pub(crate) fn past() -> (ResetCause, Option<LastWords>) {
@@ -34,7 +34,7 @@ pub(crate) fn past() -> (ResetCause, Option<LastWords>) {
     (end.unwrap_or(cause), last_words)
 }
 
-/// Logs the previous run to a debug probe. The clocks have to be set.
+/// Logs the previous run to a debug probe, after the clocks are set.
 pub(crate) fn log((cause, last_words): &(ResetCause, Option<LastWords>)) {
     defmt::info!("firmware {}, reset cause {}", VERSION, cause.code());
     if let Some(words) = last_words {
@@ -42,12 +42,12 @@ pub(crate) fn log((cause, last_words): &(ResetCause, Option<LastWords>)) {
     }
 }
 
-/// Returns why the board has started, by its hardware (RM0394 and RM0440, RCC_CSR). Reading clears the flags.
+/// Reads and clears the cause of the reset (RM0394 and RM0440, RCC_CSR).
 fn reset_cause() -> ResetCause {
     let csr = pac::RCC.csr();
     let flags = csr.read();
     csr.modify(|csr| csr.set_rmvf(true));
-    // Every other cause pulls the pin, too, so the pin comes last.
+    // Last, as every other cause pulls the pin, too.
     if flags.iwdgrstf() || flags.wwdgrstf() {
         ResetCause::Watchdog
     } else if flags.borrstf() {
@@ -59,8 +59,7 @@ fn reset_cause() -> ResetCause {
     }
 }
 
-/// Returns the clocks of every board: 80 MHz from the internal 16 MHz oscillator, since no board has a
-/// crystal.
+/// 80 MHz from the internal 16 MHz oscillator, since no board has a crystal.
 pub(crate) fn clocks() -> Config {
     let mut config = Config::default();
     config.rcc.pll = Some(rcc::Pll {
@@ -78,9 +77,8 @@ pub(crate) fn clocks() -> Config {
     config
 }
 
-/// Defines a board's interrupts and its `main`. Each board supplies the register by which a debugger stops
-/// the watchdog, the converter's settings, interrupt and inputs, and the emitters' pins. The serial line and
-/// the sync input are on the same pins of every board.
+/// Defines a board's interrupts and its `main`, from the register by which a debugger stops the
+/// watchdog, the converter's settings, interrupt and inputs, and the emitters' pins.
 ///
 /// The board's module defines `clocks`, `set_sample_time` and the constants that are used here.
 macro_rules! board {
@@ -114,9 +112,9 @@ macro_rules! board {
             let past = start::past();
             let p = embassy_stm32::init(clocks());
             start::log(&past);
-            // The watchdog must not reset the board while a debugger halts the core.
+            // Keep the watchdog from resetting the board while a debugger halts the core.
             pac::DBGMCU.$freeze().modify(|frozen| frozen.set_iwdg(true));
-            // From here on, the watchdog limits the time of every step.
+            // From here on, the watchdog limits every step.
             let mut watchdog = IndependentWatchdog::new(p.IWDG, start::WATCHDOG_US);
             watchdog.unleash();
             let run = (past, start::number(rng::Rng::new(p.RNG, Irqs)).await);
@@ -145,18 +143,16 @@ macro_rules! board {
 
 pub(crate) use board;
 
-/// Returns the serial line's settings after a reset.
 pub(crate) fn line() -> usart::Config {
     let mut config = usart::Config::default();
     config.baudrate = baud::FIRST.actual;
-    // A three-wire adapter leaves CTS open, which must count as clear to send. RX without a sender must be
-    // idle.
+    // An open CTS of a three-wire adapter must count as clear to send, RX without a sender as idle.
     config.cts_pull = Pull::Down;
     config.rx_pull = Pull::Up;
     config
 }
 
-/// The executor of the sync input, on an interrupt that no other task uses.
+/// Executor of the sync input, on an interrupt that no other task uses.
 static URGENT: InterruptExecutor = InterruptExecutor::new();
 
 // SAFETY: the executor is started before the interrupt is enabled, and only the interrupt polls it.
@@ -166,7 +162,6 @@ unsafe fn TIM7() {
     unsafe { URGENT.on_interrupt() }
 }
 
-/// Starts the tasks of a board whose conversions take `conversion_ns`.
 pub(crate) fn tasks(
     spawner: Spawner,
     board: Board,
@@ -204,7 +199,7 @@ pub(crate) fn tasks(
     urgent.spawn(tasks::stamp(sync).expect(spawn));
 }
 
-/// Returns a random number for this start (a repeat is one in 65,536); 0 if the generator fails.
+/// Returns a random number for this start; 0 if the generator fails.
 pub(crate) async fn number(mut rng: Rng<'static, RNG>) -> u16 {
     let mut bytes = [0; 2];
     let filled = with_timeout(Duration::from_millis(1), rng.async_fill_bytes(&mut bytes)).await;

@@ -1,8 +1,8 @@
 //! The calibration's flash pages as the memory that holds its slots.
 //!
-//! Each double word has an error-correcting code that corrects one wrong bit. Two wrong bits raise the
-//! non-maskable interrupt at every read (RM0394, section 3.3.2). A loss of power while the calibration is
-//! written leaves such a double word in its pages, which must not keep the board from starting.
+//! Each double word has a code that corrects one wrong bit. Two wrong bits raise the non-maskable
+//! interrupt at every read (RM0394, section 3.3.2). A loss of power while the calibration is
+//! written leaves such a double word, which must not keep the board from starting.
 #![expect(unsafe_code, reason = "an exception is handled, and the linker's symbols are declared")]
 
 use core::ops::Range;
@@ -13,13 +13,13 @@ use embassy_stm32::pac;
 use embassy_stm32::pac::flash::regs::Eccr;
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 
-/// Bytes per page, the smallest unit of erasure (RM0394, table "Flash module organization").
+/// Smallest unit of erasure (RM0394, table "Flash module organization").
 const PAGE: usize = 2 * 1024;
 
-/// The calibration's pages as a separate memory, from which nothing else can be reached.
+/// The calibration's pages as a separate memory.
 ///
-/// Erasing a page stops the core for about 25 ms, since code runs from the same bank. Frames that fall due
-/// meanwhile are counted as late.
+/// Erasing a page stops the core for about 25 ms, since code runs from the same bank. Frames that
+/// fall due meanwhile count as late.
 pub(crate) struct Area {
     flash: Flash<'static, Blocking>,
     range: Range<u32>,
@@ -30,7 +30,6 @@ impl Area {
         Self { flash, range: range() }
     }
 
-    /// Returns the flash address of `len` bytes at `offset`.
     fn locate(&self, offset: u32, len: usize) -> Result<u32, NorFlashErrorKind> {
         let inside = offset as usize + len <= self.range.len();
         inside.then_some(self.range.start + offset).ok_or(NorFlashErrorKind::OutOfBounds)
@@ -44,7 +43,7 @@ impl ErrorType for Area {
 impl ReadNorFlash for Area {
     const READ_SIZE: usize = 1;
 
-    /// Reads bytes. A double word with two wrong bits, as a loss of power leaves, is an error.
+    /// Reads bytes; two wrong bits in a double word, after a loss of power, are an error.
     fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
         let start = self.locate(offset, bytes.len())?;
         FAILED.store(false, Ordering::SeqCst);
@@ -75,8 +74,7 @@ impl NorFlash for Area {
     }
 }
 
-/// Empties the data cache, which would otherwise keep returning erased data. It can be reset only while it is
-/// off (RM0394, section 3.3.4).
+/// Empties the data cache of erased data; possible only while it is off (RM0394, section 3.3.4).
 fn forget_cached() {
     let acr = pac::FLASH.acr();
     acr.modify(|acr| acr.set_dcen(false));
@@ -88,7 +86,7 @@ fn forget_cached() {
 /// Set if a double word of the calibration's pages could not be read.
 static FAILED: AtomicBool = AtomicBool::new(false);
 
-/// Returns whether a double word of the calibration's pages could not be read since the flag was cleared.
+/// Returns true if a double word was unreadable since the flag was cleared.
 fn has_failed() -> bool {
     // The interrupt is taken before the code after the barriers (Arm DDI0403, B1.5.14).
     cortex_m::asm::dsb();
@@ -112,7 +110,7 @@ unsafe fn NonMaskableInt() {
     panic!("NMI, flash ECC register {:#010x}", eccr.0);
 }
 
-/// Address of the flash's first byte (RM0394, table "Flash module organization").
+/// Start of the flash (RM0394, table "Flash module organization").
 const FLASH: usize = 0x0800_0000;
 
 // SAFETY: both are defined by memory/stm32.x. Only the symbols' addresses are used, below.
@@ -121,7 +119,6 @@ unsafe extern "C" {
     safe static __calibration_end: u8;
 }
 
-/// Returns the range of the pages, in bytes from the start of the flash.
 fn range() -> Range<u32> {
     let offset = |symbol: *const u8| symbol.addr().wrapping_sub(FLASH) as u32;
     offset(&raw const __calibration_start)..offset(&raw const __calibration_end)

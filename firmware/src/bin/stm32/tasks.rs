@@ -1,9 +1,8 @@
-//! The library's tasks as embassy tasks, one for each concern, with their clock, serial line and sync input.
+//! The library's tasks as embassy tasks, with their clock, serial line and sync input.
 //!
-//! A separate task waits for edges at the sync input, on an executor whose interrupt has priority over all
-//! other tasks, so that an edge is stamped while frames are taken and converted. The stamp is late by two
-//! interrupts plus any critical section under way: a few µs, and 25 ms while a flash page is erased. A test
-//! on the chip's model checks a limit of 20 µs.
+//! The sync input has an executor whose interrupt has priority, so that edges are stamped while
+//! frames are taken. A stamp is late by two interrupts plus any critical section: a few µs (a test
+//! on the chip's model allows 20), and 25 ms while a flash page is erased.
 
 use super::bootloader;
 use super::converter::Photointerrupters;
@@ -30,13 +29,12 @@ impl Clock for EmbassyClock {
     }
 }
 
-/// The chip. Its bootloader listens on USART1 at PA9 and PA10, as the firmware does (AN2606,
-/// "STM32L43xxx/44xxx").
+/// The chip, whose bootloader also listens on USART1 at PA9 and PA10 (AN2606, "STM32L43xxx/44xxx").
 struct Stm32;
 
 impl Chip<UartTx<'static, Async>> for Stm32 {
     async fn set_baud(&mut self, sender: &mut UartTx<'static, Async>, rate: Baud) {
-        // The receiver shares the divider. Every rate of the table is possible.
+        // The receiver shares the divider; every rate of the table is possible.
         _ = sender.set_baudrate(rate.actual);
     }
 
@@ -45,7 +43,6 @@ impl Chip<UartTx<'static, Async>> for Stm32 {
     }
 }
 
-/// The state that the tasks share.
 pub(crate) type Stm32Station = Station<'static, EmbassyClock>;
 
 #[embassy_executor::task]
@@ -80,14 +77,11 @@ pub(crate) async fn watch(
     station.watch(|| watchdog.pet()).await;
 }
 
-/// Capacity of the queue of stamped edges.
 const WAITING: usize = 8;
 
-/// Edges without room that are counted before the input is ignored for a while: such a rate is not a signal,
-/// and the core has other work.
+/// Edges without room after which the input is ignored for a while: that is not a signal.
 const MOST_MISSED: u16 = 256;
 
-/// Time for which the input is ignored.
 const REST: Duration = Duration::from_millis(10);
 
 static SEEN: Channel<CriticalSectionRawMutex, SeenEdge, WAITING> = Channel::new();

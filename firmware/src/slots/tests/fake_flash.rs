@@ -1,8 +1,7 @@
-//! A fake of the STM32L4's flash that behaves like the real one when its power is cut (RM0394, section 3.3).
+//! A fake of the STM32L4's flash that behaves like it when the power is cut (RM0394, section 3.3).
 //!
-//! It is erased in sectors and written in double words, each with its own error-correcting code. An
-//! interrupted operation leaves its sector or double word in an undefined state: a mix of old and new bits,
-//! or a wrong code, which makes reading it fail.
+//! Sectors are erased, double words written, each with an error-correcting code. An interrupted
+//! operation leaves a mix of old and new bits, or a wrong code, which makes reading fail.
 
 extern crate std;
 
@@ -14,10 +13,8 @@ use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
 };
 
-/// Effect of the operation that was under way when the power was cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum CutOutcome {
-    /// No effect.
     Nothing,
     SomeBits,
     Unreadable,
@@ -31,7 +28,6 @@ impl CutOutcome {
 
 const DOUBLE_WORD: usize = 8;
 
-/// Four sectors of flash.
 #[derive(Clone, Debug)]
 pub(crate) struct FakeFlash {
     bytes: Vec<u8>,
@@ -43,7 +39,6 @@ pub(crate) struct FakeFlash {
     writable: bool,
 }
 
-/// The operation was not executed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Failed;
 
@@ -67,12 +62,10 @@ impl FakeFlash {
         }
     }
 
-    /// Returns the number of sectors erased and double words written so far.
     pub(crate) fn operations(&self) -> usize {
         self.operations
     }
 
-    /// Cuts the power during an operation, counted from now.
     pub(crate) fn cut_power(&mut self, operation: usize, outcome: CutOutcome) {
         self.cut = Some((self.operations + operation, outcome));
     }
@@ -81,17 +74,15 @@ impl FakeFlash {
         (self.cut, self.powered) = (None, true);
     }
 
-    /// Sets whether double words can be written; sectors can always be erased.
     pub(crate) fn set_writable(&mut self, writable: bool) {
         self.writable = writable;
     }
 
-    /// Flips a bit.
     pub(crate) fn damage(&mut self, at: usize) {
         self.bytes[at] ^= 0x10;
     }
 
-    /// Gives an area its new content, or part of it if the power is cut.
+    /// Changes an area, in part if the power is cut.
     fn change(&mut self, start: usize, content: &[u8]) -> Result<(), Failed> {
         if !self.powered {
             return Err(Failed);
@@ -104,7 +95,7 @@ impl FakeFlash {
         match outcome {
             CutOutcome::Nothing => {}
             CutOutcome::SomeBits => {
-                // Any pattern works that takes some bits of both.
+                // Any mask with some bits of both.
                 let mask = |i: usize| (i as u8).wrapping_mul(167) ^ 0x5A;
                 for (i, (byte, new)) in area.iter_mut().zip(content).enumerate() {
                     *byte = *byte & mask(i) | new & !mask(i);

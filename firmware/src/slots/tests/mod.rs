@@ -47,8 +47,7 @@ fn storing_takes_the_number_of_operations_that_the_power_cut_test_assumes() {
     assert_eq!(slots.flash.operations(), OPERATIONS);
 }
 
-// Tests every operation, every way in which it can be interrupted, and every state of the slots: both empty,
-// one written, both written.
+// Tests every operation, every kind of interruption, and every state of the slots.
 #[test]
 fn a_power_cut_at_any_operation_leaves_the_old_record_or_the_new_one() {
     for before in 0..4 {
@@ -66,7 +65,6 @@ fn a_power_cut_at_any_operation_leaves_the_old_record_or_the_new_one() {
                 let last = operation == OPERATIONS - 1 && outcome == CutOutcome::Complete;
                 let expected = if last { record(100) } else { old };
                 assert_eq!(kept, expected, "{before} {operation} {outcome:?}");
-                // The slots still work as before.
                 assert_eq!(cut.store(&record(101)), Ok(()), "{before} {operation} {outcome:?}");
                 assert_eq!(load(&mut cut), record(101));
             }

@@ -4,11 +4,10 @@
 
 use shared_proto::{AXES, PRIOR};
 
-/// A wrench in units of the model's scales.
 pub(super) type X = [f32; AXES];
 
-/// Repeats `$body` for each `$index`, which is a constant in it. The compiler does not unroll loops over
-/// triangles, whose inner length varies, and on this core they take four times as long.
+/// Repeats `$body` for each constant `$index`. The compiler does not unroll loops over triangles,
+/// which take four times as long on this core.
 macro_rules! unrolled {
     ($index:ident in $($value:literal)* => $body:block) => {
         $( {
@@ -63,8 +62,7 @@ impl Equations {
         });
     }
 
-    /// Solves by `A = L·D·Lᵀ` (Golub & Van Loan, 4th ed., §4.1.2); `None` if `A` is not positive definite in
-    /// single precision.
+    /// Solves by `A = L·D·Lᵀ` (Golub & Van Loan, 4th ed., §4.1.2), for positive definite `A`.
     #[inline(never)]
     pub(super) fn solve(&self) -> Option<X> {
         let mut a = self.a;
@@ -97,7 +95,7 @@ impl Equations {
     }
 }
 
-/// Returns the index at which a row of a lower triangle begins.
+/// Returns the start of a lower triangle's row.
 pub(super) const fn row(i: usize) -> usize {
     i * (i + 1) / 2
 }

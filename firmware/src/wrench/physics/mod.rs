@@ -4,15 +4,14 @@
 //! minimise  Σ (yᵢ − fᵢ(x))²/vᵢ + xᵀPx      vᵢ = σ² + τ²·(dfᵢ/dq)² + |Lᵢᵀgᵢ|²
 //! ```
 //!
-//! by Gauss–Newton steps with `v` from the previous step, as on the host
-//! (`crates/sensor-physics/src/inversion`), in single precision and with at most [`STEPS`] steps. A sensor on
-//! a plateau of its curve has no influence, since its slope is zero; a saturated sensor is left out. No state
-//! is carried from frame to frame.
+//! by at most [`STEPS`] Gauss–Newton steps in single precision, with `v` from the previous step, as
+//! on the host (`crates/sensor-physics/src/inversion`). A sensor on a plateau of its curve has no
+//! influence, since its slope is zero; a saturated one is left out. Frames are independent.
 //!
-//! The host additionally computes standard errors and flags, and leaves out a sensor that no wrench explains.
+//! Only the host computes standard errors and leaves out sensors that no wrench explains.
 //!
-//! If the numbers of a calibration are in the ranges of [`Physics`], no computation here overflows: a step
-//! that is not finite, or that leads beyond [`FARTHEST`], is not taken.
+//! If the numbers of a calibration are in the ranges of [`Physics`], no computation here overflows:
+//! a step that is not finite, or that leads beyond [`FARTHEST`], is not taken.
 
 mod curve;
 mod equations;
@@ -21,15 +20,15 @@ use self::curve::{CurveValue, displacement};
 use self::equations::{Equations, X, product, row, unrolled};
 use shared_proto::{AXES, CHANNELS, FACTOR, Physics, PhysicsSensor};
 
-/// Maximum number of steps, including halved ones; three or four are usual.
+/// Including halved ones; three or four are usual.
 const STEPS: usize = 4;
 
-/// Convergence limit for the squared step length in standard errors: a hundredth of a standard error. The
-/// last step is taken, and the remaining error is a small part of it.
+/// Convergence limit of the squared step length: a hundredth of a standard error. The last step is
+/// taken, so the remaining error is smaller.
 const REST: f32 = 1e-4;
 
-/// Limit of the squared step length, in standard errors, below which the parameters' variances are not
-/// recomputed: they are half of the work, and the weights hardly change.
+/// Squared step length in standard errors below which the variances are not recomputed: they are
+/// half of the work, and the weights hardly change.
 const NEAR: f32 = 0.1;
 
 /// Halvings of a step that does not lower the sum.
@@ -38,14 +37,14 @@ const HALVINGS: u32 = 4;
 /// Factor by which rounding may raise the sum near its minimum.
 const ROUNDING: f32 = 1.0 + 1e-5;
 
-/// Bound on a wrench, in units of the training wrenches' scale; no real wrench is that large.
+/// Bound on a wrench, in units of the training wrenches' scale; real ones are smaller.
 const FARTHEST: f32 = 1e3;
 
-/// Noise of readings that the start assumes, in units of h.
+/// Noise of readings for the start, in units of h.
 const START_NOISE: f32 = 0.02;
 
-/// Returns the wrench in N and N·m of a frame of readings in counts, without the channels whose bit is set in
-/// `saturated`. Returns the unloaded wrench if no wrench is found.
+/// Returns the wrench in N and N·m of readings in counts, without the channels set in `saturated`;
+/// the unloaded wrench if none is found.
 pub(super) fn invert(model: &Physics, readings: &[u16; CHANNELS], saturated: u8) -> [f32; AXES] {
     let frame = ScaledFrame::new(model, readings, saturated);
     let x = frame.descend(frame.start().unwrap_or_default());
@@ -54,11 +53,9 @@ pub(super) fn invert(model: &Physics, readings: &[u16; CHANNELS], saturated: u8)
 
 struct ScaledFrame<'a> {
     model: &'a Physics,
-    /// Scaled readings; `None` for a sensor that is left out.
     y: [Option<f32>; CHANNELS],
 }
 
-/// The curves at one wrench.
 struct State {
     x: X,
     points: [Point; CHANNELS],
@@ -68,14 +65,13 @@ struct State {
     held_back: f32,
 }
 
-/// One curve at a wrench; all zeros for a sensor that is left out.
+/// One curve at a wrench; zeros for a sensor that is left out.
 #[derive(Clone, Copy, Default)]
 struct Point {
     residual: f32,
     slope: f32,
-    /// The inverse of the response's variance.
     weight: f32,
-    /// The part of the variance that comes from the parameters.
+    /// The part of the variance from the parameters.
     from_parameters: f32,
 }
 
@@ -89,7 +85,7 @@ impl<'a> ScaledFrame<'a> {
         Self { model, y: core::array::from_fn(scaled) }
     }
 
-    /// Returns the wrench that fits the displacements given by the readings alone.
+    /// Returns the wrench of the displacements given by the readings alone.
     fn start(&self) -> Option<X> {
         let Physics { prior, reading_variance, displacement_variance, .. } = self.model;
         let mut equations = Equations::new(prior, [0.0; AXES]);
@@ -105,7 +101,6 @@ impl<'a> ScaledFrame<'a> {
         equations.solve().filter(is_near)
     }
 
-    /// Iterates until convergence.
     fn descend(&self, start: X) -> X {
         let mut state = self.state(start, None);
         let mut sum = state.sum(&state.points);
@@ -115,12 +110,11 @@ impl<'a> ScaledFrame<'a> {
             other => return moved(&state.x, &other.unwrap_or_default().0),
         };
         for left in (0..STEPS).rev() {
-            // After such a long last step there is no convergence, and the new variances would not be used.
+            // After so long a last step there is no convergence: new variances are not used.
             let is_far = length >= NEAR;
             let known = (!is_far || left == 0).then_some(&state.points);
             let next = self.state(moved(&state.x, &step), known);
-            // The comparison uses the previous variances; the sum with the new ones is the reference for the
-            // next step.
+            // Compared with the previous variances; the next step compares with the new ones.
             if next.sum(&state.points) <= sum * ROUNDING {
                 state = next;
                 if is_far && left == 0 {
@@ -143,7 +137,7 @@ impl<'a> ScaledFrame<'a> {
         state.x
     }
 
-    /// Evaluates the curves at `x`. The parameters' variances are taken from `known`, or computed at `x`.
+    /// Evaluates the curves at `x`, with `known` variances of the parameters, or new ones.
     fn state(&self, x: X, known: Option<&[Point; CHANNELS]>) -> State {
         let mut points = known.copied().unwrap_or_default();
         for ((sensor, y), point) in self.model.sensors.iter().zip(&self.y).zip(&mut points) {
@@ -162,8 +156,7 @@ impl<'a> ScaledFrame<'a> {
         State { x, points, held, held_back: inner(&held, &x) }
     }
 
-    /// Returns the step from a state, and its squared length in standard errors; `None` if there is no usable
-    /// step.
+    /// Returns a usable step, and its squared length in standard errors.
     fn step(&self, state: &State) -> Option<(X, f32)> {
         let mut equations = Equations::new(&self.model.prior, state.held.map(|value| -value));
         for (sensor, point) in self.model.sensors.iter().zip(&state.points) {
@@ -196,7 +189,7 @@ fn inner(a: &X, b: &X) -> f32 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// Returns `|Lᵀg|²`, the part of a response's variance that comes from the parameters.
+/// Returns `|Lᵀg|²`, the part of a response's variance from the parameters.
 #[inline(always)]
 fn parameter_variance(factor: &[f32; FACTOR], answer: &CurveValue, x: &X) -> f32 {
     let CurveValue { height, slope, by_shape } = *answer;
@@ -245,8 +238,7 @@ mod tests {
         }
     }
 
-    /// Computes the readings of the sensors at a wrench in units of the scales, by the formula in double
-    /// precision.
+    /// Computes readings at a wrench in units of the scales, in double precision.
     fn readings(model: &Physics, x: &[f64; AXES]) -> [u16; CHANNELS] {
         core::array::from_fn(|channel| {
             let sensor = &model.sensors[channel];
@@ -263,7 +255,6 @@ mod tests {
         (0..100).map(move |row| core::array::from_fn(|axis| value(row, axis)))
     }
 
-    /// Returns the largest error of a frame's wrench, in units of the scales.
     fn error(model: &Physics, readings: &[u16; CHANNELS], saturated: u8, x: &[f64; AXES]) -> f64 {
         let wrench = invert(model, readings, saturated);
         let errors = wrench.iter().zip(&model.wrench_scale).zip(x);
@@ -275,8 +266,8 @@ mod tests {
         let model = model();
         for x in poses() {
             let error = error(&model, &readings(&model, &x), 0, &x);
-            // Readings are rounded to half a count of 44,800. Slopes of at least 0.2, and gains that are not
-            // orthogonal, amplify that about a hundredfold; the prior pulls by as much.
+            // Rounding to half a count of 44,800, amplified about a hundredfold by slopes from 0.2
+            // on and gains that are not orthogonal; the prior pulls by as much.
             assert!(error < 2e-3, "{x:?}: {error}");
         }
     }
@@ -296,7 +287,7 @@ mod tests {
     #[test]
     fn a_sensor_on_its_plateau_has_no_weight() {
         let mut model = model();
-        // Its curve ends where the others are at their middle: all loads are on the plateau.
+        // All loads are on the plateau of this curve.
         model.sensors[2].offset = 40.0;
         for x in poses().take(20) {
             let frame = readings(&model, &x);
@@ -331,7 +322,6 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(4_096))]
 
-        /// Any calibration that a board accepts gives finite numbers for any frame.
         #[test]
         fn accepted_calibrations_give_finite_wrenches(
             changes in prop::collection::vec((0..565_usize, numbers()), 1..40),
@@ -343,7 +333,6 @@ mod tests {
             for (position, number) in changes {
                 let at = 4 + 4 * position;
                 changed[at..at + 4].copy_from_slice(&number.to_le_bytes());
-                // A rejected change is undone.
                 if Calibration::from_bytes(&changed).is_none() {
                     changed[at..at + 4].copy_from_slice(&bytes[at..at + 4]);
                 }

@@ -18,30 +18,24 @@ use std::pin::Pin;
 use std::rc::Rc;
 use std::task::{Context, Poll, Waker};
 
-/// The simulated environment of the board.
 #[derive(Default)]
 pub struct World {
     now_us: Cell<u64>,
-    /// The earliest time that a task waits for.
     earliest_us: Cell<u64>,
-    /// Returns a channel's dark and lit codes by the time in µs.
+    /// Dark and lit codes of a channel at a time in µs.
     codes: RefCell<Option<Codes>>,
-    /// Extra duration of the next conversion.
     pub stall_us: Cell<u64>,
     pub to_board: RefCell<VecDeque<u8>>,
     pub from_board: RefCell<Vec<u8>>,
-    /// Edges at the sync input that were not taken yet.
+    /// Edges at the sync input, not yet taken.
     pub edges: RefCell<VecDeque<SeenEdge>>,
-    /// Rates that the line was set to.
     pub rates: RefCell<Vec<Baud>>,
-    /// Times at which the bootloader was started.
     pub bootloader_at_us: RefCell<Vec<u64>>,
     /// True if clear to send is off.
     pub held_up: Cell<bool>,
     pub record: RefCell<Option<Record>>,
     last_fed_us: Cell<u64>,
     pub longest_unfed_us: Cell<u64>,
-    /// The lit emitter and since when.
     lit: Cell<(Option<usize>, u64)>,
     pub settling_us: Cell<u64>,
     /// Channels are read with other channels' emitters lit.
@@ -112,7 +106,7 @@ impl FrontEnd for Shared {
         u32::from(if is_lit { bright } else { dark }) * u32::from(conversions)
     }
 
-    /// Returns a temperature in degrees that equals the seconds since the start.
+    /// Reports the seconds since the start as degrees.
     async fn vitals(&mut self) -> Vitals {
         let now_us = self.0.now_us.get();
         self.0.wait(now_us + 100).await;
@@ -202,20 +196,17 @@ impl Shared {
     }
 }
 
-/// The board's words before its reset.
 pub const LAST_WORDS: &[u8] = b"panicked at a line that has a bug";
 
 pub const SERIAL: [u8; 12] = *b"bench-serial";
 
-/// The board's start number.
 pub const START: u16 = 77;
 
-/// A board and the host's end of its link.
 pub struct Bench {
     pub world: Rc<World>,
     board: Pin<Box<dyn Future<Output = ()>>>,
     pub decoder: Decoder,
-    /// The board that commands are addressed to.
+    /// The addressee of commands.
     pub to: Option<BoardId>,
     number: u16,
 }
@@ -225,7 +216,7 @@ impl Bench {
         Self::with(ResetCause::Power, None)
     }
 
-    /// A board on a line with a baud rate, set to the rate after a reset.
+    /// Creates a board on a line with the baud rate after a reset.
     pub fn on_a_line() -> Self {
         Self::build(ResetCause::Power, None, Some(baud::FIRST))
     }
@@ -272,7 +263,6 @@ impl Bench {
         Self { world, board, decoder, to, number: 0 }
     }
 
-    /// Sets the scene: dark and lit codes of a channel at a time in µs.
     pub fn play(&self, codes: impl Fn(usize, u64) -> (u16, u16) + 'static) {
         *self.world.codes.borrow_mut() = Some(Box::new(codes));
     }
@@ -281,13 +271,12 @@ impl Bench {
         self.world.now_us.get()
     }
 
-    /// Lets time pass.
     pub fn run_for(&mut self, us: u64) {
         let end_us = self.now_us() + us;
         let mut context = Context::from_waker(Waker::noop());
         loop {
             self.world.earliest_us.set(end_us);
-            // Twice, since one task may wake another that was polled before it.
+            // One task may wake another that was polled before it.
             for _ in 0..2 {
                 assert!(self.board.as_mut().poll(&mut context).is_pending());
             }
@@ -311,7 +300,6 @@ impl Bench {
         healths
     }
 
-    /// Returns the packets that the board has sent, decoded by the host's decoder.
     pub fn packets(&mut self) -> Vec<Packet> {
         let bytes = std::mem::take(&mut *self.world.from_board.borrow_mut());
         let mut packets = Vec::new();
@@ -340,14 +328,13 @@ impl Bench {
         self.world.to_board.borrow_mut().extend(bytes);
     }
 
-    /// Sends a command without waiting for the answer.
     pub fn tell(&mut self, command: Command) {
         self.number += 1;
         self.send(&Packet::Command { number: self.number, to: self.to, command }.encode());
         self.run_for(4_000);
     }
 
-    /// Sends a command; returns its answer, and the samples that came meanwhile.
+    /// Sends a command; returns its answer, and the samples before it.
     pub fn ask(&mut self, command: Command) -> (Answer, Vec<Sample>) {
         self.tell(command);
         let (mut answer, mut samples) = (None, Vec::new());

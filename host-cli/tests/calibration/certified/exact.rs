@@ -1,9 +1,8 @@
-//! Least squares in rational arithmetic: the answer without any rounding.
+//! Least squares in rational arithmetic, without any rounding.
 
 use num_bigint::BigInt;
 use num_rational::BigRational;
 
-/// A decimal number as it is written, as a fraction.
 pub(crate) fn decimal(text: &str) -> BigRational {
     let (mantissa, exponent) = text.split_once(['e', 'E']).unwrap_or((text, "0"));
     let (whole, fraction) = mantissa.split_once('.').unwrap_or((mantissa, ""));
@@ -21,7 +20,7 @@ pub(crate) fn binary(value: f64) -> BigRational {
     BigRational::from_float(value).unwrap()
 }
 
-/// The nearest `f64`, about: within two units in the last place, for any size of fraction.
+/// Returns the nearest `f64` within two units in the last place, for any size of fraction.
 pub(crate) fn to_f64(value: &BigRational) -> f64 {
     if *value.numer() == BigInt::ZERO {
         return 0.0;
@@ -56,8 +55,8 @@ fn integers(columns: &[Vec<BigRational>]) -> Integers {
     Integers { columns: scaled.collect(), denominators }
 }
 
-/// The coefficients that minimise `‖X·C − Y‖`, one vector for each column of `Y`, and how often
-/// each row counts; `None` if the columns of `X` are dependent.
+/// Returns the coefficients that minimise `‖X·C − Y‖`, by columns of `Y`, and how often each row
+/// counts; `None` if the columns of `X` are dependent.
 ///
 /// By Bareiss's fraction-free elimination of `[XᵀX | XᵀY]`.
 pub(crate) fn solve(
@@ -88,7 +87,7 @@ pub(crate) fn solve(
         }
         previous = pivot;
     }
-    // The determinant times the solution consists of integers: back substitution stays exact.
+    // The determinant times the solution is whole: back substitution stays exact.
     let determinant = previous;
     let solution = (0..q).map(|a| {
         let mut c = vec![BigInt::ZERO; p];

@@ -1,4 +1,4 @@
-//! Families of problems made to be hard, each in its own way.
+//! Families of problems, each hard in its own way.
 
 use calibration::methods::{LeastSquaresError, SolverKind};
 use faer::Mat;
@@ -10,7 +10,7 @@ use super::problem::{ALL_DIGITS, METHODS, Problem, digits, error, theory};
 use super::random::integer;
 use super::report;
 
-/// Integers of up to `bits` bits, either sign.
+/// Whole numbers of up to `bits` bits, either sign.
 fn integers(random: &mut Random, rows: usize, columns: usize, bits: u32) -> Mat<f64> {
     Mat::from_fn(rows, columns, |_, _| integer(random, bits))
 }
@@ -27,7 +27,7 @@ fn hilbert(columns: usize) -> Problem {
     Problem::new(format!("Hilbert, 16 × {columns}"), x, integers(&mut random, 16, 2, 20))
 }
 
-/// Läuchli (Numer. Math. 3, 1961): `XᵀX` loses the small numbers altogether.
+/// Läuchli (Numer. Math. 3, 1961): `XᵀX` loses the small numbers.
 fn lauchli(exponent: i32) -> Problem {
     let small = 2f64.powi(exponent);
     let x = Mat::from_fn(5, 4, |i, j| match i {
@@ -75,8 +75,7 @@ fn units(name: &str, unit: f64) -> Problem {
     Problem::new(name, x, Mat::from_fn(50, 6, |i, a| y[(i, a)] * unit))
 }
 
-/// Large rows last, which are the worst for a R factor that has the small ones already, or
-/// first.
+/// Large rows last, the worst order for an R factor of small ones, or first.
 fn row_order(ascending: bool) -> Problem {
     let mut random = Random(5);
     let values = integers(&mut random, 64, 4, 8);
@@ -92,7 +91,7 @@ fn row_order(ascending: bool) -> Problem {
 
 fn subnormal() -> Problem {
     let mut random = Random(6);
-    // Subnormal numbers and normal ones: the smallest of these is 2⁻¹⁰²².
+    // The smallest of these numbers is 2⁻¹⁰²², next to subnormal ones.
     let unit = f64::from_bits(1 << 44);
     let x = integers(&mut random, 50, 4, 20);
     let y = integers(&mut random, 50, 2, 20);
@@ -119,7 +118,7 @@ fn families() -> Vec<Problem> {
         .collect()
 }
 
-/// One line of the table; fails where an answer is worse than theory allows.
+/// Returns a line of the table; fails on an error above the theory's.
 fn line(problem: &Problem, truth: &[Vec<BigRational>]) -> report::Line {
     let widest = problem.solve(SolverKind::WideTsqr);
     let cells = METHODS.iter().map(|(label, method)| {
@@ -135,7 +134,7 @@ fn line(problem: &Problem, truth: &[Vec<BigRational>]) -> report::Line {
         println!("{}, {label}: {digits:.1}", problem.name);
         if let Ok(widest) = &widest {
             let error = error(&solved.coefficients, truth, &problem.norms());
-            // The theory's own constants are polynomials in the number of columns.
+            // The theory's constants are polynomials in the number of columns.
             let allowed = 50.0 * theory(*method, problem, widest);
             assert!(error <= allowed, "{}, {label}: {error:e} > {allowed:e}", problem.name);
         }

@@ -1,6 +1,4 @@
-//! Least-squares problems whose exact answers are known, put to every method.
-//!
-//! See `README.md` for where the problems come from and how the answers are had.
+//! Least-squares problems with known exact answers (`README.md`), solved by every method.
 
 mod exact;
 mod families;

@@ -1,4 +1,4 @@
-//! A problem, its exact answer, and how many digits of it a method gets.
+//! A problem, its exact answer, and the digits of it that a method gets.
 
 use calibration::methods::{
     LeastSquares, LeastSquaresError, Method, Reduction, Ridge, RowChunk, RowSource, Shape,
@@ -13,7 +13,7 @@ use super::exact;
 #[path = "../../../../crates/least-squares/src/methods/tests/dense.rs"]
 mod dense;
 
-/// The methods that minimise the sum of squares, with their names in the tables.
+/// Methods that minimise the sum of squares, by their names in the tables.
 pub(crate) const METHODS: [(&str, SolverKind); 7] = [
     ("gram", SolverKind::Gram),
     ("tsqr", SolverKind::Tsqr),
@@ -24,7 +24,7 @@ pub(crate) const METHODS: [(&str, SolverKind); 7] = [
     ("wide-tsqr", SolverKind::WideTsqr),
 ];
 
-/// The most digits that an `f64` can show: −log₁₀ 2⁻⁵³.
+/// Most digits that an `f64` can show: −log₁₀ 2⁻⁵³.
 pub(crate) const ALL_DIGITS: f64 = 15.95;
 
 pub(crate) struct Problem {
@@ -45,7 +45,7 @@ impl Problem {
         solve_dense(Dense::new(self.x.as_ref(), tails, self.y.as_ref()), method, Ridge::NONE)
     }
 
-    /// The exact coefficients for the given numbers, including the tails.
+    /// Returns the exact coefficients for the given numbers, with the tails.
     pub(crate) fn truth(&self) -> Option<Vec<Vec<BigRational>>> {
         let columns = |m: &Mat<f64>, tails: Option<&Mat<f64>>| -> Vec<Vec<BigRational>> {
             let element = |i: usize, j: usize| {
@@ -56,14 +56,13 @@ impl Problem {
         exact::solve(&columns(&self.x, self.tails.as_ref()), &columns(&self.y, None), |_| 1)
     }
 
-    /// The norms of the columns of `X`.
     pub(crate) fn norms(&self) -> Vec<f64> {
         self.x.col_iter().map(|column| column.norm_l2()).collect()
     }
 }
 
-/// The digits of the worst coefficient: the log relative error of McCullough (The American
-/// Statistician 52, 1998); of a coefficient that is zero, that of the absolute error.
+/// Returns the digits of the worst coefficient: the log relative error of McCullough (The American
+/// Statistician 52, 1998), for zero coefficients of the absolute error.
 pub(crate) fn digits(solved: &Mat<f64>, truth: &[Vec<BigRational>]) -> f64 {
     let mut worst = ALL_DIGITS;
     for (a, truth) in truth.iter().enumerate() {
@@ -79,8 +78,8 @@ pub(crate) fn digits(solved: &Mat<f64>, truth: &[Vec<BigRational>]) -> f64 {
     worst.max(0.0)
 }
 
-/// `‖D·(C − truth)‖ / ‖D·truth‖` with `D` the norms of the columns of `X`, the worst of the columns
-/// of `Y`: the error that the theory bounds.
+/// Returns `‖D·(C − truth)‖ / ‖D·truth‖`, with `D` the norms of the columns of `X`, for the worst
+/// column of `Y`: the error that the theory bounds.
 pub(crate) fn error(solved: &Mat<f64>, truth: &[Vec<BigRational>], norms: &[f64]) -> f64 {
     let of = |(a, truth): (usize, &Vec<BigRational>)| {
         let (mut error, mut size) = (0.0_f64, 0.0_f64);
@@ -93,10 +92,8 @@ pub(crate) fn error(solved: &Mat<f64>, truth: &[Vec<BigRational>], norms: &[f64]
     truth.iter().enumerate().map(of).fold(0.0, f64::max)
 }
 
-/// The relative error that theory allows a method, up to a constant; see the table in
-/// [`calibration::methods`].
-///
-/// `solved` is the answer of the widest method.
+/// Returns the relative error that theory allows a method, up to a constant; see the table in
+/// [`calibration::methods`]. `solved` is the widest method's answer.
 pub(crate) fn theory(method: SolverKind, problem: &Problem, solved: &LeastSquares) -> f64 {
     let epsilon = f64::EPSILON / 2.0;
     let condition = solved.condition;

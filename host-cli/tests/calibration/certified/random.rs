@@ -1,5 +1,4 @@
-//! Ten thousand problems at random, with condition numbers from 1 to 10¹⁴ and planted losses of
-//! rank.
+//! Ten thousand random problems, with condition numbers from 1 to 10¹⁴ and planted losses of rank.
 
 use calibration::methods::{LeastSquaresError, SolverKind};
 use faer::Mat;
@@ -7,7 +6,7 @@ use system_tests::random::Random;
 
 use super::problem::{METHODS, Problem, error, theory};
 
-/// A random integer with at most `bits` bits and either sign.
+/// Whole number of at most `bits` bits, either sign.
 pub(crate) fn integer(random: &mut Random, bits: u32) -> f64 {
     let range = 1_i64 << bits;
     ((random.next() >> 8) as i64 % (2 * range + 1) - range) as f64
@@ -47,7 +46,7 @@ fn problem(random: &mut Random) -> Problem {
     Problem::new(format!("{rows} × {columns}, condition {condition:.1e}"), x, y)
 }
 
-/// A column that is an exact combination of others, among columns of any condition.
+/// One column is an exact combination of others of any condition.
 fn deficient(random: &mut Random) -> Problem {
     let columns = 2 + below(random, 6);
     let rows = columns + 1 + below(random, 12);
@@ -63,7 +62,7 @@ fn deficient(random: &mut Random) -> Problem {
     Problem::new(format!("{rows} × {columns}, column {target} dependent"), x, y)
 }
 
-/// Problems of full rank; those with planted losses come on top.
+/// Problems of full rank, without planted losses.
 const PROBLEMS: usize = 10_000;
 
 #[test]
@@ -75,8 +74,7 @@ fn ten_thousand_random_problems_have_the_digits_of_theory_or_are_refused() {
     for _ in 0..PROBLEMS {
         let problem = problem(&mut random);
         let name = &problem.name;
-        // Rounding to the grid may have made columns of condition 10¹⁴ dependent, though it never
-        // has.
+        // Rounding to the grid may make columns of condition 10¹⁴ dependent, though it never has.
         let truth = problem.truth().expect("independent columns");
         let widest = problem.solve(SolverKind::WideTsqr).unwrap_or_else(|e| panic!("{name}: {e}"));
         let norms = problem.norms();

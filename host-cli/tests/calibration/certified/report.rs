@@ -1,19 +1,19 @@
-//! The tables in `docs/certified-problems.md`, checked against what was measured.
+//! The tables in `docs/certified-problems.md`, checked against the measurements.
 
 use std::fmt::Write;
 use std::path::PathBuf;
 
 use super::problem::ALL_DIGITS;
 
-/// One line: a label and the digits under each heading, `None` where there is no answer.
+/// A label and the digits under each heading, `None` without an answer.
 pub(crate) type Line = (String, Vec<Option<f64>>);
 
-/// The allowed difference from the page, in digits. AVX-512, AVX2 and SSE2 round in different orders: the
-/// results in these tables differ by up to 1.54 digits between them.
+/// Allowed difference from the page, in digits. AVX-512, AVX2 and SSE2 round in different orders:
+/// results differ by up to 1.54 digits.
 const SLACK: f64 = 2.0;
 
-/// Compares the table between the marks `<!-- name -->` and `<!-- end -->` with `lines`. With the
-/// environment variable `SHELLCAL_WRITE_DOCS`, writes it.
+/// Compares the table between the marks `<!-- name -->` and `<!-- end -->` with `lines`, or writes
+/// it if `SHELLCAL_WRITE_DOCS` is set.
 pub(crate) fn check(name: &str, headings: &[&str], lines: &[Line]) {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../docs/certified-problems.md");
     let page = std::fs::read_to_string(&path).unwrap();

@@ -9,14 +9,11 @@ use super::exact;
 use super::problem::{ALL_DIGITS, METHODS, Problem, digits};
 use super::report;
 
-/// The right side of the regression.
 #[derive(Clone, Copy)]
 enum Right {
     /// Powers of x from 0.
     Polynomial(usize),
-    /// x alone, no intercept.
     Proportional,
-    /// One and every column.
     Columns,
 }
 
@@ -38,7 +35,7 @@ fn fields(csv: &str) -> Vec<Vec<&str>> {
     csv.lines().skip(1).map(|line| line.split(',').map(str::trim).collect()).collect()
 }
 
-/// The columns of `X` and `Y` of a set, of its numbers read by `read`.
+/// Returns the columns of `X` and `Y` of a set, with numbers read by `read`.
 fn columns<T: Clone>(
     csv: &str,
     right: Right,
@@ -80,7 +77,7 @@ fn exact_solutions_of_the_decimal_data_are_the_certified_ones() {
         let certified = certified(name);
         assert_eq!(truth.len(), certified.len(), "{name}");
         for (truth, certified) in truth.iter().zip(&certified) {
-            // NIST gives 15 digits; not all its last ones are right.
+            // NIST gives 15 digits; not all last ones are right.
             let error = exact::to_f64(&((certified - truth) / truth)).abs();
             assert!(error < 1e-13, "{name}: {error:e}");
         }
@@ -101,7 +98,7 @@ fn nist_regressions_are_solved_to_thirteen_digits_and_more() {
             tails: Some(Mat::from_fn(n, p, |i, j| x[j][i].tail())),
             y: Mat::from_fn(n, 1, |i, _| y[i].to_f64()),
         };
-        // The numbers as `f64` reads them, their powers exact.
+        // Numbers as `f64` reads them, with exact powers.
         let binary = |text: &str| exact::binary(text.parse().unwrap());
         let (x, y) = columns(csv, right, exact::decimal("1"), binary, |a, b| a * b);
         let truth = exact::solve(&x, &[y], |_| 1).unwrap();

@@ -1,5 +1,4 @@
-//! Files of motion: 95 % intervals hold on files that the fit has not seen, though the errors of neighbouring rows are
-//! alike and the files are few.
+//! 95 % intervals hold on new files of motion, though neighbouring rows are alike and files few.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -15,7 +14,7 @@ use system_tests::real_recording;
 use super::prediction_intervals::coverage;
 use crate::lag_and_memory::log;
 
-/// The share of the rows of some files within their intervals, by a plain fit to others.
+/// Returns the share of rows within their intervals, by a plain fit to other files.
 fn shares(train: &[PathBuf], test: &[PathBuf]) -> PerAxis<f64> {
     let open = |paths: &[PathBuf]| -> Vec<Log> {
         paths.iter().map(|path| Log::open(path, &Mapping::default()).unwrap()).collect()
@@ -58,12 +57,12 @@ fn intervals_hold_on_other_files_of_a_sensor_whose_readings_wander() {
         seeds.map(file).collect()
     };
     let shares = shares(&write(1..7), &write(7..17));
-    // Readings wander over some 34 times in ten files, so the observed share of 95 % has a standard deviation
-    // of 1.2 %. A new block is one of 37 or more, which widens intervals by up to 2.6 % in coverage.
+    // Readings wander over some 34 times in ten files, so the observed share of 95 % has a standard
+    // deviation of 1.2 %. With a new block, one of 37 or more, coverage is up to 2.6 % larger.
     assert!(shares.iter().all(|share| (0.925..=0.985).contains(share)), "{shares:?}");
 }
 
-/// Each file of another lab's sensor by a fit to the others, and the file kept for validation by all.
+/// Each file of another lab's sensor by a fit to the others, and the validation file by all.
 #[test]
 #[ignore = "needs the recordings"]
 fn intervals_hold_on_each_file_of_another_labs_sensor() {
@@ -75,7 +74,7 @@ fn intervals_hold_on_each_file_of_another_labs_sensor() {
         paths
     };
     let (train, validation) = (recorded("train.csv.gz"), recorded("val.csv.gz"));
-    // On this file all errors are smaller than on those that were held out: by a quarter to a half.
+    // All errors are a quarter to a half smaller here than on held-out files.
     let of_validation = shares(&train, &validation);
     assert!(of_validation.iter().all(|share| (0.92..=0.997).contains(share)), "{of_validation:?}");
     let mut all = PerAxis::<f64>::default();

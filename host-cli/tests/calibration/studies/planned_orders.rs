@@ -1,4 +1,4 @@
-//! Poses that planning would have saved in a recorded session: its poses in random and in planned orders.
+//! Poses that planning would have saved in a recorded session, in random and in planned orders.
 
 use std::num::NonZeroU64;
 
@@ -8,10 +8,10 @@ use log_file::{Log, Mapping, ReadOptions};
 use shellcal::workflow::plan::observations;
 use system_tests::real_recording;
 
-/// How near to the error with all poses counts as there.
+/// Relative distance from the error with all poses that counts as reached.
 const NEAR: f64 = 0.15;
 
-/// `SHELLCAL_SPLITS=20` makes the tables of `docs/plan.md` anew.
+/// `SHELLCAL_SPLITS=20` makes the tables of `docs/plan.md`.
 #[test]
 #[ignore = "needs the recordings"]
 fn planned_orders_save_poses_of_a_recorded_session() {
@@ -28,7 +28,7 @@ fn planned_orders_save_poses_of_a_recorded_session() {
     }
     let needed = |order| replayed.poses_within(order, NEAR);
     Order::ALL.iter().for_each(|order| println!("{}: {}", order.name(), needed(*order)));
-    // Four of the splits of the table in `docs/plan.md`: in each planned order fewer poses than in a random one.
+    // Four of the splits in `docs/plan.md`: each planned order needs fewer poses than a random one.
     let [random, planned @ ..] = Order::ALL;
     assert!(planned.into_iter().all(|order| needed(order) < needed(random)));
 }

@@ -1,5 +1,4 @@
-//! Coverage of 95 % intervals: on the sensor model, with poses outside the training data, and with a truth
-//! known by construction.
+//! Coverage of 95 % intervals: on the sensor model, beyond the training, with a constructed truth.
 
 use std::fs::{self, File};
 use std::io::{BufWriter, Write};
@@ -19,11 +18,10 @@ use simulation::synthetic_log::SyntheticLayout;
 use system_tests::random::Random;
 use system_tests::real_recording;
 
-/// Rows of a pose at 10 Hz.
+/// At 10 Hz.
 const POSE_ROWS: usize = 20;
 
-/// One session on one instrument, its poses assigned at random into as many to train on and to test
-/// on.
+/// One session on one instrument, its poses divided at random into as many to train and to test on.
 fn session(seed: u64, poses: usize) -> (Vec<SensorSample>, Vec<SensorSample>) {
     let recording = SensorRecording::new(RecordingSettings {
         kind: RecordingKind::Training,
@@ -58,7 +56,6 @@ fn log(folder: &Path, samples: &[SensorSample]) -> PathBuf {
     path
 }
 
-/// The shares of rows within their 95 % intervals.
 pub(crate) fn coverage(
     calibration: &Calibration,
     readings: &[Vec<f64>],
@@ -86,7 +83,6 @@ fn coverage_of_samples(calibration: &Calibration, samples: &[SensorSample]) -> P
     coverage(calibration, &readings, &truth)
 }
 
-/// Mean over sessions, and its Monte-Carlo error.
 fn mean(sessions: &[f64]) -> (f64, f64) {
     let n = sessions.len() as f64;
     let mean = sessions.iter().sum::<f64>() / n;
@@ -98,7 +94,6 @@ fn mean(sessions: &[f64]) -> (f64, f64) {
 fn ninety_five_percent_intervals_hold_ninety_five_percent_of_new_poses() {
     let folder = tempfile::tempdir().unwrap();
     for (basis, poses, sessions) in [(Basis::Cubic, 60, 120), (Basis::Quadratic, 125, 60)] {
-        // For each axis and session.
         let mut found = PerAxis::<Vec<f64>>::default();
         for seed in 1..=sessions {
             let (train, test) = session(seed, poses);
@@ -137,8 +132,8 @@ fn rows_that_are_taken_as_independent_have_no_intervals() {
 
 #[test]
 fn standard_errors_by_group_cover_errors_of_poses_and_naive_ones_do_not() {
-    // Thirty poses of forty rows, with one error per pose and a smaller one per row. The estimate is the
-    // wrench at one set of readings, without that row's error.
+    // Thirty poses of forty rows, with one error per pose and a smaller one per row. The estimate
+    // is the wrench at one set of readings, without that row's error.
     const SIMULATIONS: usize = 2000;
     let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
     let truth = |s: [f64; 2]| 0.01 * s[0] - 0.02 * s[1] + 3.0;
@@ -183,7 +178,7 @@ fn standard_errors_by_group_cover_errors_of_poses_and_naive_ones_do_not() {
             let product =
                 |column: &Vec<f64>| column.iter().zip(&x).map(|(f, x)| f * x).sum::<f64>();
             let square: f64 = factor.iter().map(|column| product(column).powi(2)).sum();
-            // The fit's own error alone, not that of a new pose, which intervals are of.
+            // The fit's own error, without that of a new pose.
             let t = student_quantile(0.95, covariance.degrees_of_freedom as f64);
             let half = t * (variance * square).sqrt();
             *held += usize::from((predicted[0][0] - truth(at)).abs() <= half);
@@ -191,14 +186,14 @@ fn standard_errors_by_group_cover_errors_of_poses_and_naive_ones_do_not() {
     }
     let [groups, rows] = held.map(|held| held as f64 / SIMULATIONS as f64);
     println!("{groups:.4} by groups, {rows:.4} by rows");
-    // The Monte-Carlo error is √(0.95·0.05/2000) = 0.5 %; two of it, and half a percent for 30 poses.
+    // The Monte-Carlo error is √(0.95·0.05/2000) = 0.5 %: two of it, and half a percent.
     assert!((groups - 0.95).abs() < 0.015, "{groups}");
     // Rows of one pose count as forty: standard errors six times too small.
     assert!(rows < 0.4, "{rows}");
 }
 
-/// A real sensor with 32 poses: 24 to train on and 8 to test, twenty times. Intervals of the linear model,
-/// from held-out groups; intervals of larger models are refused.
+/// A real sensor with 32 poses: 24 to train on and 8 to test, twenty times. The linear model has
+/// intervals from held-out groups; larger models are refused.
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
 fn intervals_hold_poses_of_a_real_sensor_that_were_held_out() {
@@ -249,9 +244,8 @@ fn intervals_hold_poses_of_a_real_sensor_that_were_held_out() {
     for axis in 0..6 {
         let ((share, _), (half, _)) = (mean(&shares[axis]), mean(&halves[axis]));
         println!("{axis}: {share:.4}, half width {half:.4}");
-        // 160 held-out poses, 32 of them distinct, give the share to some 2 %. If the two or three worst
-        // poses are alike, one of them nearly always belongs to the groups that set the interval, which then
-        // contains all.
+        // 160 held-out poses, 32 of them distinct, give the share to some 2 %. If the worst two or
+        // three are alike, one nearly always sets the interval, which then contains all.
         assert!(share >= 0.92, "{axis}: {share}");
     }
 }

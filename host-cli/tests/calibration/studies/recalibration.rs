@@ -1,4 +1,4 @@
-//! `shellcal fit --from`: a calibration brought up to date by a few loads.
+//! `shellcal fit --from`: a calibration updated by a few loads.
 
 use std::fmt::Write;
 use std::fs;
@@ -14,7 +14,6 @@ use simulation::sensor_model::{SensorModel, SensorParameters};
 use system_tests::program::{ended, json, refused, succeed};
 use system_tests::random::Random;
 
-/// How a sensor is mounted and what its channels have become.
 struct State {
     unit: SensorParameters,
     lever_m: [f64; 3],
@@ -29,7 +28,7 @@ impl State {
         Self { unit, lever_m: [0.0; 3], turn_rad: [0.0; 3], session: 10 * seed }
     }
 
-    /// Mounted again, off by so many metres and radians, gains changed by a share (standard deviation).
+    /// Mounted again, with errors in m and rad, and gains changed by a share (standard deviation).
     fn changed(&self, (lever_m, turn_rad, gain): (f64, f64, f64), random: &mut Random) -> Self {
         let mut direction = |length: f64| {
             let v: [f64; 3] = std::array::from_fn(|_| random.normal());
@@ -42,7 +41,7 @@ impl State {
         Self { unit, lever_m, turn_rad, session: self.session + 1 }
     }
 
-    /// The wrench at the shell for a wrench in the reference frame.
+    /// Returns the wrench at the shell for one in the reference frame.
     fn felt(&self, [fx, fy, fz, mx, my, mz]: PerAxis<f64>) -> PerAxis<f64> {
         let more = cross(self.lever_m, [fx, fy, fz]);
         let back = |v| turned_back(v, self.turn_rad);
@@ -76,7 +75,7 @@ impl State {
     }
 }
 
-/// `v` turned by the opposite of a rotation vector: Rodrigues' formula, written out.
+/// Turns `v` by the opposite of a rotation vector: Rodrigues' formula, written out.
 fn turned_back(v: [f64; 3], by: [f64; 3]) -> [f64; 3] {
     let angle = by.iter().map(|x| x * x).sum::<f64>().sqrt();
     if angle == 0.0 {
@@ -135,7 +134,6 @@ fn error(calibration: &Calibration, data: &Dataset) -> f64 {
     (square.sum::<f64>() / 6.0).sqrt()
 }
 
-/// Sensors that are remounted; more of them, where a variable says so.
 fn seeds() -> std::ops::RangeInclusive<u64> {
     1..=std::env::var("RECALIBRATION_SEEDS").map_or(6, |count| count.parse().unwrap())
 }
@@ -149,7 +147,7 @@ fn four_poses_give_the_accuracy_of_a_full_calibration() {
         let before = fit(state.record(&loads(32, &mut random), 0));
         let now = state.changed((2e-3, 2_f64.to_radians(), 0.05), &mut random);
         let full = fit(now.record(&loads(32, &mut random), 1));
-        // Four poses, and the sensor at rest between them.
+        // Four poses, and the unloaded sensor between them.
         let mut few = loads(4, &mut random);
         few.push([0.0; 6]);
         let found = brought_up_to_date(&before, &now.record(&few, 2));
@@ -183,12 +181,11 @@ fn an_unchanged_sensor_keeps_its_calibration() {
             false => changed += 1,
         }
     }
-    // Evidence of 400 to 1 comes about by chance less often than once in twenty sensors, whose errors at a few loads are
-    // no white noise.
+    // Evidence of 400 to 1 by chance: in less than one of twenty sensors, with errors that are not
+    // white.
     assert!(changed <= seeds().count().div_ceil(20), "{changed}");
 }
 
-/// A log as text, labelled by load.
 fn csv(data: &Dataset) -> String {
     let mut text = String::from("group,s1,s2,s3,s4,s5,s6,s7,s8,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm\n");
     for (_, block) in data.blocks() {
@@ -226,11 +223,9 @@ fn changes_are_reported_and_calibrations_of_any_kind_are_written() {
         };
         let (old, new) = (rms("old.json"), rms("new.json"));
         assert!(old > 2.0 * new, "{model}: {old} {new}");
-        // It is a calibration like any other.
         succeed(&dir, "convert new.json test.csv -o forces.csv");
         succeed(&dir, "export new.json new.py");
         assert!(succeed(&dir, "doctor new.json").contains("ok"));
-        // An unchanged calibration is written unchanged.
         let said = succeed(&dir, "fit again.csv --from old.json -o same.json");
         assert!(said.starts_with("unchanged: `old.json` explains the 6 loads"), "{said}");
         let read = |name: &str| fs::read_to_string(dir.path().join(name)).unwrap();

@@ -6,8 +6,7 @@ use shellcal::workflow::sitting::Sitting;
 
 use crate::sitting::{Bench, rig};
 
-/// Numbers of loads at which errors are compared: from 18 on, creep and hysteresis of the model's springs are
-/// most of the error, in any order.
+/// Loads at which errors are compared: from 18 on, creep and hysteresis dominate in any order.
 const COUNTS: [usize; 3] = [12, 14, 16];
 
 #[test]

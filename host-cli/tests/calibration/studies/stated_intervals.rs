@@ -1,5 +1,4 @@
-//! Stated 95 % intervals hold on groups that the fit has not seen: of other people's sensors, of the shipped
-//! data and of the sensor model.
+//! Stated 95 % intervals hold on new groups of other sensors, shipped data and the sensor model.
 
 use std::fmt::Write;
 use std::fs;
@@ -14,14 +13,14 @@ use system_tests::real_recording;
 
 const AXES: [&str; 6] = ["fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"];
 
-/// A recording as a table, and which part of it each row is held out with.
+/// A table, with the part that each row is held out with.
 struct Parted {
     header: String,
     rows: Vec<(usize, String)>,
 }
 
 impl Parted {
-    /// Groups, the last column, in parts that follow each other: a sensor with memory needs the rows before a row.
+    /// Groups, the last column, in consecutive parts: memory needs the rows before a row.
     fn by_group(text: &str, parts: usize) -> Self {
         let mut lines = text.lines();
         let header = lines.next().unwrap().to_owned();
@@ -39,7 +38,7 @@ impl Parted {
         Self { header, rows: rows.into_iter().map(part).collect() }
     }
 
-    /// Rows that are shuffled, assigned to parts in turn.
+    /// Shuffled rows, assigned to parts in turn.
     fn by_row(channels: usize, lines: impl Iterator<Item = String>, parts: usize) -> Self {
         let names = (1..=channels).map(|channel| format!("s{channel}"));
         let names: Vec<String> = names.chain(AXES.map(str::to_owned)).collect();
@@ -54,8 +53,8 @@ impl Parted {
         fs::write(path, text).unwrap();
     }
 
-    /// The shares of rows within the interval that a plain fit to all other parts states, and within that of each
-    /// frame by `convert`; the mean over so many parts.
+    /// Returns the mean shares of rows within the interval of a plain fit to all other parts, and
+    /// within that of each frame by `convert`.
     fn shares(&self, parts: usize) -> [[f64; 6]; 2] {
         let dir = tempfile::tempdir().unwrap();
         let mut found = [[0.0; 6]; 2];
@@ -93,7 +92,7 @@ impl Parted {
     }
 }
 
-/// The rows of a table, numbers only, and where a column is.
+/// Returns numeric rows, and the positions of columns.
 fn columns(path: &Path) -> (Vec<Vec<f64>>, impl Fn(&str) -> usize + use<>) {
     let text = fs::read_to_string(path).unwrap();
     let mut lines = text.lines();
@@ -103,12 +102,11 @@ fn columns(path: &Path) -> (Vec<Vec<f64>>, impl Fn(&str) -> usize + use<>) {
     (rows, move |name: &str| header.iter().position(|known| known == name).unwrap())
 }
 
-/// Prints a line of the table in docs/validation.md, and checks it.
+/// Prints and checks a line of the table in docs/validation.md.
 fn tell(name: &str, what: &str, shares: [f64; 6]) {
     let percent = shares.map(|share| format!("{:.1}", 100.0 * share));
     println!("| {name} | {what} | {} |", percent.join(", "));
-    // 92 to 99 %, with half a percent of margin: at such a share 418 rows have a standard deviation of 1.1 %,
-    // and 32 poses a larger one.
+    // 92 to 99 %, and half a percent: a share of 418 rows has a standard deviation of 1.1 %.
     assert!(
         shares.iter().all(|share| (0.915..=0.996).contains(share)),
         "{name}, {what}: {percent:?}"

@@ -13,7 +13,7 @@ pub(crate) enum Load {
     Walk,
     /// On each axis three sines of 0.2 to 3 Hz.
     Sines,
-    /// From one random load to the next in 2 to 10 ms, held for 0.5 to 3 s: weights that are put on and taken off.
+    /// From one random load to the next in 2 to 10 ms, held for 0.5 to 3 s: hung weights.
     Steps,
 }
 

@@ -1,25 +1,23 @@
-//! Nine kinds of springs with memory, each from a force to a displacement of about the same magnitude.
+//! Nine kinds of springs with memory, from a force to a displacement of about the same size.
 //!
 //! Formulas from the literature, independent of the program's code.
 use system_tests::random::Random;
 
-/// The kinds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
     /// Bouc (1967) and Wen, J. Eng. Mech. Div. 102, 249 (1976).
     BoucWen,
     /// Weighted plays (Krasnosel'skii & Pokrovskii, 1989), in axes that differ from the wrench axes.
     PrandtlIshlinskii,
-    /// Springs with sliding feet side by side (Iwan, J. Appl. Mech. 33, 893, 1966), one set per channel.
+    /// Springs with sliding feet in parallel (Iwan, J. Appl. Mech. 33, 893, 1966), per channel.
     MaxwellSlip,
     /// A triangle of relays (Mayergoyz, Phys. Rev. Lett. 56, 1518, 1986), one per channel.
     Preisach,
-    /// Dahl (1968): friction that approaches its limit exponentially with the distance since the last
-    /// reversal.
+    /// Dahl (1968): friction that approaches its limit exponentially since a reversal.
     Dahl,
     /// The standard linear solid: creep with two time constants, no friction.
     LinearSolid,
-    /// Friction of bristles that depends on the speed (Canudas de Wit et al., IEEE Trans. Autom. Control 40, 419, 1995).
+    /// Bristles by speed (Canudas de Wit et al., IEEE Trans. Autom. Control 40, 419, 1995).
     LuGre,
     /// One play per direction, each with its own width: a joint with backlash.
     Backlash,
@@ -40,12 +38,12 @@ impl Kind {
         Self::Clearance,
     ];
 
-    /// True if each channel has memory of its own displacement.
+    /// True if each channel remembers its own displacement.
     pub(crate) fn per_channel(self) -> bool {
         matches!(self, Self::MaxwellSlip | Self::Preisach)
     }
 
-    /// One spring of the kind, drawn at random; loads are of order 1.
+    /// A random spring; loads are of order 1.
     pub(crate) fn draw(self, random: &mut Random) -> Box<dyn Spring> {
         let mut between = |low: f64, high: f64| low + (high - low) * random.unit();
         match self {
@@ -112,18 +110,16 @@ impl Kind {
     }
 }
 
-/// From a force to a displacement.
 pub(crate) trait Spring {
-    /// The displacement after `force` was reached in `step_s`.
+    /// Returns the displacement after `force` was reached in `step_s`.
     fn displacement(&mut self, force: f64, step_s: f64) -> f64;
 }
 
-/// Maximum step in which a force is followed.
 const STEP: f64 = 0.004;
 
-/// Follows a force from `state` (force, displacement, inner force) by increments. `slope` is the derivative
-/// of the inner force by displacement, given the direction and the inner force. The force is `elastic`
-/// times the displacement plus the inner force.
+/// Follows a force from `state` (force, displacement, inner force) by increments. `slope` is the
+/// derivative of the inner force by displacement, by direction and inner force. The force is
+/// `elastic` times the displacement plus the inner force.
 fn follow(state: &mut [f64; 3], force: f64, elastic: f64, slope: impl Fn(f64, f64) -> f64) -> f64 {
     let steps = ((force - state[0]).abs() / STEP).ceil().max(1.0);
     let part = (force - state[0]) / steps;
@@ -182,7 +178,6 @@ struct LuGre {
     stick: f64,
     /// v_s, 1/s.
     stribeck: f64,
-    /// x, z, v.
     state: [f64; 3],
 }
 
@@ -194,7 +189,7 @@ impl Spring for LuGre {
         for _ in 0..PARTS {
             let drive = force - x - self.stiffness * z;
             let slower = (self.stick - self.kinetic) * (-(v / self.stribeck).powi(2)).exp();
-            // How much of the motion bends the bristles; 0 where they slide.
+            // Share of the motion that bends the bristles; 0 where they slide.
             let bends = 1.0 - self.stiffness * z * drive.signum() / (self.kinetic + slower);
             // Balance of forces at the end of the step.
             let resists = h + self.stiffness * h * bends + self.damping * bends + self.viscous;
@@ -239,7 +234,6 @@ impl Spring for Plays {
 struct MaxwellSlip {
     elastic: f64,
     feet: Vec<(f64, f64, f64)>,
-    /// Force and displacement.
     at: [f64; 2],
 }
 
@@ -265,7 +259,7 @@ impl Spring for MaxwellSlip {
 struct Preisach {
     share: f64,
     range: f64,
-    /// α, β, weight, and whether it is up.
+    /// α, β, weight, and true if up.
     relays: Vec<(f64, f64, f64, bool)>,
 }
 

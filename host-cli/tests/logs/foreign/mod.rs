@@ -17,7 +17,6 @@ use system_tests::random::Random;
 pub(crate) enum Optics {
     /// Light falls with the square of the distance.
     InverseSquare,
-    /// Light falls exponentially.
     Exponential,
     /// Each channel saturates toward one end.
     Saturating,
@@ -28,7 +27,7 @@ impl Optics {
 
     fn answer(self, z: f64, bend: f64) -> f64 {
         match self {
-            // Rest distance 1/bend: the slope at rest is −2 bend, and dividing by it normalises.
+            // Distance 1/bend at z = 0, where the slope is −2 bend, which normalises.
             Self::InverseSquare => ((1.0 + bend * z).max(0.2).powi(-2) - 1.0) / (-2.0 * bend),
             Self::Exponential => -f64::exp_m1(-bend * z) / bend,
             Self::Saturating => f64::tanh(bend * z + 0.3) / bend,
@@ -36,7 +35,6 @@ impl Optics {
     }
 }
 
-/// A session and its truth.
 pub(crate) struct Session {
     pub(crate) load: Load,
     pub(crate) optics: Optics,
@@ -48,12 +46,12 @@ pub(crate) struct Session {
 
 /// Duration of the board's recording, s.
 const DURATION_S: f64 = 60.0;
-/// Extra recording time of the reference, before and after the board's, s.
+/// The reference records longer, before and after the board.
 const MARGIN_S: f64 = 2.0;
 const REFERENCE_STEP_S: f64 = 1e-3;
 
 impl Session {
-    /// Session number `seed` of a kind; loads and optics rotate with the seed.
+    /// Loads and optics rotate with the seed.
     pub(crate) fn draw(kind: Kind, seed: u64) -> Self {
         let mut random = Random(1000 * (kind as u64 + 1) + seed);
         let load = Load::ALL[(seed % 6) as usize];
@@ -69,7 +67,7 @@ impl Session {
     }
 }
 
-/// Noiseless readings of the eight channels at the rows of the reference.
+/// Noiseless readings at the rows of the reference.
 fn readings(kind: Kind, optics: Optics, wrench: &[[f64; 6]], random: &mut Random) -> Vec<[f64; 8]> {
     // Columns of about unit length: the displacement that each channel sees.
     let normal_row = |random: &mut Random| -> [f64; 6] {

@@ -9,14 +9,12 @@ use tempfile::TempDir;
 
 use crate::sealed::sealed;
 
-/// Output of a command that must end with this exit code.
 fn says(dir: &TempDir, arguments: &str, code: i32) -> String {
     let (_, said) = program::ended(dir, arguments, code);
     assert!(!said.contains("panicked"), "{arguments}: {said}");
     said
 }
 
-/// A folder with a training and a test log and a calibration.
 fn folder() -> TempDir {
     let dir = tempfile::tempdir().unwrap();
     says(&dir, "synth train --rows 2600 --seed 3 -o train.csv", 0);
@@ -33,7 +31,6 @@ fn write(dir: &TempDir, name: &str, text: impl AsRef<[u8]>) {
     fs::write(dir.path().join(name), text).unwrap();
 }
 
-/// Names of hidden files: none should remain.
 fn hidden(dir: &Path) -> Vec<String> {
     let names = fs::read_dir(dir).unwrap().map(|entry| entry.unwrap().file_name());
     names.map(|name| name.to_string_lossy().into_owned()).filter(|n| n.starts_with('.')).collect()
@@ -111,8 +108,7 @@ fn signals_leave_no_temporary_files() {
     for (signal, number) in [("-INT", 2), ("-TERM", 15), ("-HUP", 1)] {
         use std::os::unix::process::ExitStatusExt;
         let dir = tempfile::tempdir().unwrap();
-        // Programs that a script starts in the background have their signals ignored and keep ignoring
-        // them. This one must not, however the test is started.
+        // A script's background programs ignore signals; this one must not, however it starts.
         let mut child = std::process::Command::new("env")
             .args(["--default-signal=INT,TERM,HUP", env!("CARGO_BIN_EXE_shellcal")])
             .args(["synth", "train", "--rows", "10000000", "-o", "big.csv"])
@@ -168,7 +164,7 @@ fn a_penalised_fit_is_the_same_in_any_order_of_rows() {
             let report = program::json(dir.path(), &command);
             (0..6).map(|axis| report["test"][axis]["rms"].as_f64().unwrap()).collect::<Vec<_>>()
         };
-        // Equal except for rounding, which depends on how rows are grouped into blocks.
+        // Equal except for rounding, which depends on the blocks of rows.
         for (a, b) in rms("train.csv").iter().zip(rms("sorted.csv")) {
             assert!((a - b).abs() < 1e-9 * b, "{solver}: {a} {b}");
         }
@@ -286,7 +282,7 @@ fn endless_and_enormous_files_are_refused_at_once() {
 #[test]
 fn degrees_of_freedom_without_end_have_quantiles() {
     let dir = folder();
-    // There are more groups than leave-one-group-out uses, so the interval is Student's.
+    // More groups than leave-one-group-out uses, so the interval is Student's.
     says(&dir, "synth train --rows 11000 --seed 3 -o many.csv", 0);
     says(&dir, "fit --model linear many.csv -o many.json", 0);
     let text = read(&dir, "many.json");

@@ -20,10 +20,9 @@ pub(super) const SEEDS: [&str; 9] = [
     "results/strides.csv",
 ];
 
-/// Labels of the rows at rest in `weights.csv`, 50 rows each.
+/// Labels of the still rows in `weights.csv`, 50 each.
 pub(super) const LABELS: [&str; 4] = ["zero", "a", "b", "c"];
 
-/// Creates the files in a folder.
 pub(super) fn make(dir: &Path) {
     for arguments in [
         "synth train --rows 400 -o train.csv",
@@ -86,7 +85,6 @@ const BINARY: [&str; 26] = [
     "log-file/fuzz/seeds/xlsx/workbook.xlsx",
 ];
 
-/// A binary log, usually undamaged.
 pub(super) fn binary(random: &mut Random) -> Vec<u8> {
     let name = BINARY[random.below(BINARY.len() as u64) as usize];
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../crates").join(name);
@@ -97,7 +95,7 @@ pub(super) fn binary(random: &mut Random) -> Vec<u8> {
     bytes
 }
 
-/// A log with some axes of the wrench, and these axes. The other axes are missing or misspelt.
+/// A log with some axes of the wrench, others missing or misspelt; and these axes.
 pub(super) fn of_some_axes(seeds: &Path, name: &str, random: &mut Random) -> (String, Axes) {
     let text = fs::read_to_string(seeds.join(name)).unwrap();
     let axes: Axes = Axis::ALL.into_iter().filter(|_| random.percent(70)).collect();
@@ -118,7 +116,6 @@ pub(super) fn of_some_axes(seeds: &Path, name: &str, random: &mut Random) -> (St
     (text.lines().enumerate().map(line).collect(), axes)
 }
 
-/// Bytes of a valid file, damaged or cut short.
 pub(super) fn damaged(seeds: &Path, name: &str, random: &mut Random) -> Vec<u8> {
     let mut bytes = fs::read(seeds.join(name)).unwrap();
     // Long files take long and test nothing more.

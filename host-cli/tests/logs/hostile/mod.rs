@@ -1,7 +1,7 @@
 //! Failures that must not happen for any files, names, arguments and signals.
 //!
-//! [`cases`] are single regressions; [`random`] draws commands over damaged files from seeds. Together with
-//! the other tests it draws a few hundred; `SHELLCAL_HOSTILE_SECONDS=3600` draws for an hour.
+//! [`cases`] are single regressions; [`random`] draws a few hundred commands over damaged files
+//! from seeds, or for an hour with `SHELLCAL_HOSTILE_SECONDS=3600`.
 
 mod cases;
 #[cfg(target_os = "linux")]

@@ -13,10 +13,9 @@ use system_tests::random::Random;
 use super::files;
 use super::run::{Blow, Trouble, run, unread};
 
-/// Number of cases in a normal test run.
 const AMONG_TESTS: u64 = 300;
 
-/// Commands; capitals are files of that kind, `O.x` an output, `?` any number.
+/// Capitals are files of that kind, `O.x` an output, `?` any number.
 const COMMANDS: [&str; 63] = [
     "info T",
     "info R Z",
@@ -90,7 +89,6 @@ fn pick<'a>(of: &[&'a str], random: &mut Random) -> &'a str {
     of[random.below(of.len() as u64) as usize]
 }
 
-/// A file name of any permitted characters.
 fn name(random: &mut Random, extension: &str) -> OsString {
     let stem: &[u8] = match random.below(8) {
         0 => b"with space",
@@ -105,7 +103,6 @@ fn name(random: &mut Random, extension: &str) -> OsString {
     OsString::from_vec(name)
 }
 
-/// Draws one case.
 fn draw(seeds: &Path, dir: &Path, random: &mut Random) -> Vec<OsString> {
     let mut arguments: Vec<OsString> = Vec::new();
     let mut inputs: Vec<OsString> = Vec::new();
@@ -145,14 +142,12 @@ fn draw(seeds: &Path, dir: &Path, random: &mut Random) -> Vec<OsString> {
             inputs.push(name.clone());
             arguments.push(name);
         } else if let Some((seed, extension)) = kind(word) {
-            // Sometimes a file of another kind.
             let seed = if random.percent(5) { pick(&files::SEEDS, random) } else { seed };
             let name = name(random, extension);
             fs::write(dir.join(&name), files::damaged(seeds, seed, random)).unwrap();
             inputs.push(name.clone());
             arguments.push(name);
         } else if let Some(extension) = word.strip_prefix('O').filter(|_| word.contains('.')) {
-            // Sometimes an output that is an input.
             let input = inputs.last().filter(|_| random.percent(10));
             let new = || Path::new("out").join(name(&mut random.clone(), extension)).into();
             let path = input.cloned().unwrap_or_else(new);
@@ -180,7 +175,7 @@ fn blow(random: &mut Random) -> Option<Blow> {
     random.percent(10).then_some(Blow { name, number, after })
 }
 
-/// A gate on logs and a calibration with some axes: exit code 0 only if both have all required axes.
+/// Draws a gate on logs and a calibration with some axes: 0 only if both have all required ones.
 fn gate(seeds: &Path, dir: &Path, random: &mut Random) -> Result<(), String> {
     let (train, calibrated) = files::of_some_axes(seeds, "train.csv", random);
     let mut measured = Vec::new();
@@ -220,7 +215,7 @@ fn gate(seeds: &Path, dir: &Path, random: &mut Random) -> Result<(), String> {
     let passed = passes(dir, &line, is_left);
     let are_compared = calibrated.contain(asked) && measured.iter().all(|axes| axes.contain(asked));
     let is_within = limit == "1e9" || !asked.iter().any(is_limited);
-    // If no axis is left to compare, the run ends before any gate.
+    // Without an axis to compare, the run ends before any gate.
     let says_nothing = measured.iter().fold(calibrated, |all, axes| all.and(*axes)).is_empty();
     let limits_nothing = (forces || moments) && !asked.iter().any(is_limited)
         || [false, true].into_iter().any(|moment| {
@@ -233,7 +228,7 @@ fn gate(seeds: &Path, dir: &Path, random: &mut Random) -> Result<(), String> {
     }
 }
 
-/// True if a command ends with exit code 0; its reader may have closed the pipe.
+/// True for exit code 0; its reader may have closed the pipe.
 fn passes(dir: &Path, line: &str, reader_leaves: bool) -> bool {
     let mut run = program::command(dir);
     run.args(line.split_whitespace());
@@ -243,7 +238,7 @@ fn passes(dir: &Path, line: &str, reader_leaves: bool) -> bool {
     run.output().unwrap().status.code() == Some(0)
 }
 
-/// A table of loads with some loads not weighed, which must not pass.
+/// Draws a table of loads that must not pass if some were not weighed.
 fn weighing(seeds: &Path, dir: &Path, random: &mut Random) -> Result<(), String> {
     fs::copy(seeds.join("cal.json"), dir.join("cal.json")).unwrap();
     let text = fs::read_to_string(seeds.join("weights.csv")).unwrap();
@@ -282,7 +277,6 @@ fn weighing(seeds: &Path, dir: &Path, random: &mut Random) -> Result<(), String>
     }
 }
 
-/// The violation with one seed, if any.
 fn violation(seeds: &Path, seed: u64) -> Option<String> {
     let mut random = Random(seed);
     let dir = tempfile::tempdir().unwrap();

@@ -11,16 +11,15 @@ use std::time::{Duration, Instant};
 
 use shell_data::escape;
 
-/// Maximum processor time of a command, s; wall-clock time would depend on other load.
+/// Processor time of a command, s; wall-clock time would depend on other load.
 const PROCESSOR_S: u64 = 60;
 
-/// Time after which a command that uses no processor time counts as hanging.
+/// Time without processor time that counts as hanging.
 const PATIENCE: Duration = Duration::from_secs(600);
 
-/// Memory limit (data and stacks) in KiB, for any command on files of up to 1 MB.
+/// Memory limit (data and stacks), KiB, for any command on files of up to 1 MB.
 const MEMORY: u64 = 256 << 10;
 
-/// A signal, and when it is sent.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Blow {
     pub(super) name: &'static str,
@@ -28,20 +27,15 @@ pub(super) struct Blow {
     pub(super) after: Duration,
 }
 
-/// Disturbances of a command.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Trouble {
     pub(super) blow: Option<Blow>,
-    /// Maximum file size, in blocks of 512 bytes, as on a full disk.
+    /// In blocks of 512 bytes, as on a full disk.
     pub(super) disk: Option<u64>,
-    /// True if nobody reads the standard output.
     pub(super) reader_leaves: bool,
 }
 
-/// Runs the program with some arguments.
-///
-/// # Errors
-/// A description of the violation.
+/// Runs the program, or describes the violation.
 pub(super) fn run(dir: &Path, arguments: &[OsString], trouble: Trouble) -> Result<(), String> {
     let (before, blow) = (contents(dir), trouble.blow);
     let disk = trouble.disk.map_or(String::new(), |of| format!("trap '' XFSZ; ulimit -f {of}; "));
@@ -86,7 +80,6 @@ pub(super) fn run(dir: &Path, arguments: &[OsString], trouble: Trouble) -> Resul
     check(&before, &contents(dir), [status.success(), grows && blow.is_none()])
 }
 
-/// A standard output that nobody reads.
 pub(super) fn unread() -> Stdio {
     let (reader, writer) = std::io::pipe().expect("a pipe");
     drop(reader);
@@ -115,7 +108,6 @@ fn wait(child: &mut Child, blow: Option<Blow>) -> Result<std::process::ExitStatu
     }
 }
 
-/// All files of a folder.
 fn contents(dir: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut files = BTreeMap::new();
     let mut folders = vec![dir.to_path_buf()];
@@ -133,8 +125,7 @@ fn contents(dir: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     files
 }
 
-/// Checks that existing files are unchanged and that new ones are complete; a growing file needs complete
-/// rows.
+/// Checks that existing files are unchanged and new ones complete; a growing file needs whole rows.
 fn check(
     before: &BTreeMap<PathBuf, Vec<u8>>,
     after: &BTreeMap<PathBuf, Vec<u8>>,

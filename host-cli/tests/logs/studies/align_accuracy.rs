@@ -1,4 +1,4 @@
-//! How exact an alignment is, on sessions whose truth is known, beside the bound of Cramér and Rao.
+//! Errors of an alignment, on sessions with known truth, and the bound of Cramér and Rao.
 use alignment::{Options, align};
 use simulation::sensor_model::PairSettings;
 
@@ -45,9 +45,9 @@ fn errors_on_the_sensor_model_are_of_the_size_that_is_stated() {
         squares[0] += (offset / clock.offset_se_s).powi(2);
         squares[1] += (skew / clock.skew_se).powi(2);
     }
-    // χ² of 16: between 5 and 36 with 99.5 % each. The model's errors are not normal, hence the margin of √2.
-    // The stated error of the offset is for sensors with unknown memory; here the model has the right kinds
-    // of memory, and the error may be seven times smaller.
+    // χ² of 16: between 5 and 36 with 99.5 % each. The model's errors are not normal, hence the
+    // margin of √2. The stated error of the offset is for unknown memory; here the model has the
+    // right kinds, and the error may be seven times smaller.
     for (what, sum, lowest) in [("offset", squares[0], 16.0 / 49.0), ("skew", squares[1], 2.5)] {
         assert!((lowest..72.0).contains(&sum), "{what}: {sum}");
     }
@@ -95,8 +95,8 @@ fn a_long_session_is_aligned_from_a_stretch_outward() {
     assert!(skew_error.abs() < 0.5e-6, "{:?}", aligned.clock);
 }
 
-/// The bound for a sensor whose response is known: slopes of the noiseless readings by a central
-/// difference, noise from the difference of noisy and noiseless readings.
+/// The bound for a known response: slopes of the noiseless readings by a central difference, noise
+/// from noisy minus noiseless readings.
 fn bound(truth: PairSettings) -> (f64, f64) {
     const SHIFT_S: f64 = 1e-3;
     let readings = |offset_s: f64, noise_scale: f64| {
@@ -153,8 +153,8 @@ fn errors_are_within_a_small_factor_of_the_bound() {
         1e6 * rms(errors_squared[1]),
         1e6 * rms(bounds_squared[1])
     );
-    // The bound takes the response of the springs and the optics as known; here some 600 numbers
-    // are estimated beside the two. No unbiased estimate is below it.
+    // The bound takes the response of springs and optics as known; here some 600 numbers are
+    // estimated beside the two. No unbiased estimate is below it.
     assert!(ratio(0) < 6.0, "{}", ratio(0));
     assert!(ratio(1) < 4.0, "{}", ratio(1));
 }

@@ -1,5 +1,5 @@
-//! Actual and stated errors of an alignment, on sensors other than the sensor model: nine kinds of springs,
-//! six of load, three of optics, all unknown to the program.
+//! Actual and stated errors of an alignment on other sensors: nine kinds of springs, six of load,
+//! three of optics, all unknown to the program.
 use alignment::{Options, align};
 
 use crate::foreign::{Kind, Load, Session};
@@ -53,13 +53,13 @@ fn line(name: &str, outcomes: &[&Outcome]) {
 
 fn check(outcomes: &[Outcome], beyond: usize) {
     let all: Vec<&Outcome> = outcomes.iter().collect();
-    // The requirement for sensors with memory, 0.2 ms. It excludes friction that depends on the speed, which
-    // looks like another offset, and loads that jump between two frames.
+    // The requirement for sensors with memory, 0.2 ms, except for friction that depends on the
+    // speed, which looks like another offset, and loads that jump between two frames.
     let is_clear = |o: &&&Outcome| o.kind != Kind::LuGre && o.load != Load::Steps;
     assert!(median(all.iter().filter(is_clear).map(|o| o.error_s.abs())) <= 200e-6);
     assert!(within_three(&all) + beyond >= all.len(), "{} of {}", within_three(&all), all.len());
-    // Large standard errors are no way to that: the mean square of error over standard error is 1 if
-    // they are right, and they are no more than four times too large.
+    // Without large standard errors: the mean square of error over standard error is 1 if they are
+    // right, and they are at most four times too large.
     let squares: f64 = all.iter().map(|o| (o.error_s / o.stated_s).powi(2)).sum();
     assert!(squares / all.len() as f64 > 1.0 / 16.0, "{squares}");
 }
@@ -70,8 +70,8 @@ fn sessions_of_nine_unknown_sensors_err_as_stated() {
     check(&outcomes(200..203), 0);
 }
 
-/// The table of `docs/alignment.md`. `cargo test --profile checked -p shellcal --test logs
-/// of_many_sessions -- --ignored --nocapture` prints it, in some minutes.
+/// Prints the table of `docs/alignment.md` in some minutes: `cargo test --profile checked -p
+/// shellcal --test logs of_many_sessions -- --ignored --nocapture`.
 #[test]
 #[ignore = "minutes; 27 others are in every run"]
 fn errors_of_many_sessions_are_as_stated() {

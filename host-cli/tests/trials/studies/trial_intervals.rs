@@ -1,4 +1,4 @@
-//! Coverage of the 95 % intervals of drag energy over trials, with a separate fitted calibration for each.
+//! Coverage of the 95 % intervals of drag energy over trials, with a separate calibration for each.
 
 use calibration::fit::HeldOut;
 use calibration::solver::Workers;
@@ -16,7 +16,6 @@ use trial::{
     ValueSample, evaluate,
 };
 
-/// A training recording of unit `seed`.
 fn training(seed: u64, rows: usize, elastic: bool) -> Block {
     let recording = SensorRecording::new(RecordingSettings {
         kind: RecordingKind::Training,
@@ -47,7 +46,7 @@ fn training(seed: u64, rows: usize, elastic: bool) -> Block {
     block
 }
 
-/// The program's own choice of calibration for such a recording, and its unexplained part.
+/// The program's choice of calibration for such a recording, and its unexplained part.
 fn chosen(seed: u64, rows: usize, elastic: bool) -> (Calibration, [f64; 6]) {
     let data = Dataset::from_blocks("train", Axes::ALL, vec![training(seed, rows, elastic)]);
     let options = FitOptions { cross_validation: Some(HeldOut::Auto), ..FitOptions::default() };
@@ -63,8 +62,7 @@ fn chosen(seed: u64, rows: usize, elastic: bool) -> (Calibration, [f64; 6]) {
     (fitted.calibration, unexplained)
 }
 
-/// A cubic calibration of unit `seed` on a recording of `rows` rows, and the share of the loads'
-/// variance that it leaves unexplained.
+/// A cubic calibration, and the share of the loads' variance that it leaves unexplained.
 fn calibrate(seed: u64, rows: usize, elastic: bool) -> (Calibration, [f64; 6]) {
     let block = training(seed, rows, elastic);
     let mut sums = GroupSums::new(Basis::Cubic, 8, Apart::Groups, RandomSplit::default());
@@ -127,13 +125,13 @@ fn error(calibration: &(Calibration, [f64; 6]), settings: TrialSettings) -> (f64
     (error, 0.5 * (interval.high - interval.low))
 }
 
-/// Five trials at 3 cm and five free ones, each with the calibration of a separate unit. The intervals of the
-/// mean drag energy at 3 cm and of its difference from free contain the true means, and are no wider than the
-/// errors require.
+/// Five trials at 3 cm and five free ones, each with the calibration of a separate unit. The
+/// intervals of the mean drag energy at 3 cm and of its difference from free contain the true
+/// means, and are no wider than the errors require.
 ///
-/// Creep and play make small loads read some tenth too small on every unit. This error is the same in all
-/// units, but the intervals treat it as random. They may then contain the truth in all hundred cases, so
-/// their width is compared with the size of the errors.
+/// Creep and play make small loads read some tenth too small on every unit, but the intervals treat
+/// this error as random. They may then always contain the truth, so their width is compared with
+/// the errors.
 #[test]
 fn intervals_of_conditions_hold_the_truth_and_are_as_wide_as_errors_ask_for() {
     const UNITS: u64 = 100;
@@ -172,19 +170,19 @@ fn intervals_of_conditions_hold_the_truth_and_are_as_wide_as_errors_ask_for() {
         println!("{name}: mean and difference held in {held:?} of {UNITS}, errors {sizes:.3?}");
         // Binomial about 95 %, two standard deviations of 2.2.
         assert!(held.iter().all(|held| *held >= 90), "{name}: {held:?}");
-        // In half widths; for normal errors the value is 1/1.96 = 0.51.
+        // In half widths; 1/1.96 = 0.51 for normal errors.
         assert!(sizes.iter().all(|size| (0.35..0.65).contains(size)), "{name}: {sizes:?}");
     }
 }
 
-/// Calibrations, and trials of each condition with each: a thousand trials.
+/// A thousand trials: each condition with each calibration.
 const CALIBRATIONS: u64 = 40;
 const RUNS: u64 = 5;
 
 #[test]
 fn ninety_five_percent_intervals_of_drag_energy_hold_the_truth() {
-    // Springs that a calibration can follow, and springs with creep and play, under which the small
-    // loads of trials come out some ten percent too small.
+    // Springs that a calibration can follow, and springs with creep and play, under which small
+    // loads come out some ten percent too small.
     for elastic in [true, false] {
         let mut held = [0; 5];
         for unit_seed in 1..=CALIBRATIONS {

@@ -20,7 +20,6 @@ use trial::{
     evaluate,
 };
 
-/// Which trial is made.
 struct Draws(Random);
 
 impl Draws {
@@ -38,7 +37,6 @@ fn a_trial([t_enter_s, t_exit_s]: [f64; 2]) -> Trial {
     Trial { condition: "3 cm".to_owned(), ..Trial::from_window("trial.txt".to_owned(), window) }
 }
 
-/// The telemetry of a trial as the evaluation takes it, without the readings.
 fn trial_rows(trial: &VirtualTrial) -> TrialRows {
     let rows: Vec<_> = trial.rows().collect();
     let column = |at: usize| rows.iter().map(|row| row[at] as f64).collect::<Vec<_>>();
@@ -71,8 +69,8 @@ fn evaluate_telemetry(trial: &VirtualTrial, window_s: [f64; 2]) -> TrialResult {
     evaluate(&input).unwrap()
 }
 
-/// The window, with its ends moved to where the right leg is not about to end a turn: a turn that ends
-/// within the encoder's noise of the window's end is in it, or not, by chance.
+/// The window, with ends away from the ends of the right leg's turns: the encoder's noise would
+/// decide whether such a turn counts.
 fn clear_of_turns(trial: &VirtualTrial) -> [f64; 2] {
     let turns_s = trial.turns_s();
     trial.window_s.map(|mut time_s| {
@@ -121,22 +119,21 @@ fn strides_are_found_exactly_in_a_thousand_random_trials() {
         for (time_s, turn_s) in starts.zip(truth) {
             let angle = |time_s| trial.gait.angle_rad(LegSide::Right, time_s);
             let off = (angle(time_s) - angle(turn_s)).abs() / TAU * 65536.0;
-            // Noise moves the detected end of a turn by up to five standard deviations and half a step of the
-            // encoder. A straight line between rows differs from the curve by less than 50 counts if one to
-            // eight rows are missing.
+            // Noise moves the detected end of a turn by up to five standard deviations and half a
+            // step of the encoder. Missing rows, one to eight, cost less than 50 counts.
             assert!(off < 5.5 * settings.encoder_noise + 52.0, "{off} counts: {settings:?}");
         }
     }
-    // Each of the mishaps has happened a few hundred times.
+    // Each mishap has happened a few hundred times.
     assert!(mishaps.iter().all(|&count| count > 200), "{mishaps:?}");
 }
 
-/// The loads of trials at 3 cm, N and N·m: from least to most.
+/// Least and most in trials at 3 cm, N and N·m.
 const LOADS: [[f64; 2]; 6] =
     [[-0.5, 0.25], [-0.25, 0.25], [-0.6, 0.3], [-0.004, 0.004], [-0.006, 0.012], [-0.004, 0.004]];
 
-/// The calibration of a unit without calibration error: fitted to its own frames, without noise, under known
-/// loads similar to those of trials.
+/// A calibration without error: fitted to a unit's noiseless frames, under loads like those of
+/// trials.
 fn true_calibration(unit_seed: u64) -> Calibration {
     let mut unit = SensorParameters::nominal().unit(unit_seed);
     unit.scale_noise(0.0);
@@ -162,7 +159,6 @@ fn true_calibration(unit_seed: u64) -> Calibration {
     fit(&[log], &[], &options).unwrap().calibration
 }
 
-/// Relative errors of drag energy and specific resistance of a trial, as read from its log.
 fn errors(settings: TrialSettings, calibration: &Calibration, options: &TrialOptions) -> [f64; 2] {
     let trial = VirtualTrial::new(settings).unwrap();
     let folder = tempfile::tempdir().unwrap();
@@ -188,10 +184,10 @@ fn drag_energy_and_specific_resistance_equal_those_of_the_truth() {
     let three_cm = ChannelForces::named("3 cm").unwrap();
     let elastic = |seed| TrialSettings { elastic: true, ..TrialSettings::new(three_cm, seed) };
 
-    // Readings scatter by 1.2 counts, as on the original board (0.7 to 1.6), and each trial is tared on a
-    // lead-in of 2 s. Noise of 0.007 N gives 0.007 N √(1/200 + 1/600) in the average, 0.5 % of 0.13 N. Light
-    // that changes between sessions and the lack of fit of the cubic add as much. 2 % are three standard
-    // deviations of both.
+    // Readings scatter by 1.2 counts, as on the original board (0.7 to 1.6), and each trial is
+    // tared on a lead-in of 2 s. Noise of 0.007 N gives 0.007 N √(1/200 + 1/600) in the average,
+    // 0.5 % of 0.13 N. Light that changes between sessions and the lack of fit of the cubic add as
+    // much. 2 % are three standard deviations of both.
     let forces = ForceOptions { tare: TareRule::Between(0.0, 1.99), ..ForceOptions::default() };
     let options = TrialOptions { forces, ..TrialOptions::default() };
     for seed in 0..25 {
@@ -200,9 +196,8 @@ fn drag_energy_and_specific_resistance_equal_those_of_the_truth() {
         assert!(drag.abs() < 0.02 && resistance.abs() < 0.01, "{seed}: {drag} {resistance}");
     }
 
-    // At the paper's noise, tared on 50 frames as the lab does, that noise is 0.041 N √(1/50 + 1/600),
-    // 4.6 % of the drag: no calibration can better a trial on its own, and one hundred are right to
-    // 0.5 % together.
+    // At the paper's noise, tared on 50 frames as the lab does, that noise is 0.041 N √(1/50 +
+    // 1/600), 4.6 % of the drag for any calibration; a hundred trials are right to 0.5 %.
     let of_100: Vec<_> = (0..100)
         .map(|seed| errors(elastic(seed), &calibration, &TrialOptions::default()))
         .collect();
@@ -239,7 +234,7 @@ fn a_window_found_in_a_log_is_where_the_beams_were_touched() {
         let ses = [found.t_enter_se_s, found.t_exit_se_s];
         squares += off.iter().zip(ses).map(|(off, se)| (off / se).powi(2)).sum::<f64>();
     }
-    // Errors of the size of their standard errors, which know of sway only what one trial shows.
+    // Errors of the size of their standard errors, which know only one trial's sway.
     let ratio = (squares / 40.0).sqrt();
     assert!((0.4..2.5).contains(&ratio), "{ratio}");
     for seed in 0..10 {

@@ -1,4 +1,4 @@
-//! The host's end of the flashed board's line: orders with answers, and the account of its samples.
+//! The host's end of the flashed board's line.
 
 use shared_proto::{
     Answer, Board, BoardId, Boot, Calibration, Command, Cubic, Decoder, Edge, Event, Framing,
@@ -10,16 +10,12 @@ pub use system_tests::random::Random;
 /// Timeout of an answer: two frames on the line, and samples on their way.
 const ANSWER_S: f64 = 0.03;
 
-/// A board with a model.
 pub struct Modelled {
     pub model: Model,
-    /// The board type that it reports.
     pub board: Board,
-    /// Duration of a conversion.
     pub conversion_ns: u32,
 }
 
-/// All boards.
 pub fn boards() -> [Modelled; 2] {
     let (skinproc, nucleo) = (Model::find(), Model::find_nucleo());
     [
@@ -28,7 +24,6 @@ pub fn boards() -> [Modelled; 2] {
     ]
 }
 
-/// A board, and the data that it has sent.
 pub struct Host {
     pub board: FlashedBoard,
     pub decoder: Decoder,
@@ -36,7 +31,6 @@ pub struct Host {
     pub boots: Vec<Boot>,
     pub healths: Vec<Health>,
     pub edges: Vec<Edge>,
-    /// Origin of the newest packet.
     pub origin: Option<PacketOrigin>,
     pub resets: Vec<String>,
     pub last: Report,
@@ -44,7 +38,6 @@ pub struct Host {
 }
 
 impl Host {
-    /// Returns a board after its start.
     pub fn start(model: &Model, played: &[PlayedFrame]) -> Self {
         let dir = tempfile::tempdir().unwrap();
         let mut board = FlashedBoard::start(model, played, dir.path());
@@ -67,7 +60,7 @@ impl Host {
         host
     }
 
-    /// Returns a freshly flashed board, without a script.
+    /// Starts a freshly flashed board, without a script.
     pub fn new(model: &Model) -> Self {
         Self::start(model, &[])
     }
@@ -97,27 +90,24 @@ impl Host {
         answers
     }
 
-    /// Lets time pass.
     pub fn run(&mut self, time_s: f64) {
         let report = self.board.run(time_s);
         self.take(report);
     }
 
-    /// Lets time pass while `noise` changes the bytes from the board before they are decoded.
+    /// `noise` changes the bytes from the board before they are decoded.
     pub fn run_behind(&mut self, time_s: f64, noise: impl FnOnce(&mut Vec<u8>)) {
         let mut report = self.board.run(time_s);
         noise(&mut report.sent);
         self.take(report);
     }
 
-    /// Sends a command and returns its answer, `None` if there is none.
     pub fn ask(&mut self, command: Command) -> Option<Answer> {
         self.number += 1;
         let to = Some(BoardId::from_serial(&SERIAL));
         let packet = Packet::Command { number: self.number, to, command };
         self.board.send(&packet.encode());
-        // Answers overtake samples, but not the frames that the driver already holds; erasing a page takes
-        // time.
+        // Answers overtake samples, but not frames in the driver; erasing a page takes time.
         for _ in 0..10 {
             let report = self.board.run(ANSWER_S);
             let answers = self.take(report);
@@ -142,7 +132,6 @@ impl Host {
         }
     }
 
-    /// Returns the board's words before its reset.
     pub fn last_words(&mut self) -> String {
         let mut words = Vec::new();
         loop {
@@ -155,7 +144,6 @@ impl Host {
         String::from_utf8(words).unwrap()
     }
 
-    /// Uploads a calibration without the commit.
     pub fn begin_upload(&mut self, calibration: &Calibration) {
         let bytes = calibration.to_bytes();
         let crc32 = crc32(&bytes);
@@ -166,13 +154,13 @@ impl Host {
         }
     }
 
-    /// Uploads a calibration; returns the answer to the commit, `None` if the power was cut.
+    /// Returns the answer to the commit, `None` if the power was cut.
     pub fn upload(&mut self, calibration: &Calibration) -> Option<Answer> {
         self.begin_upload(calibration);
         self.ask(Command::CommitCalibration)
     }
 
-    /// Runs `branch` and then undoes its effects on the board; the account of samples continues.
+    /// Runs `branch` and undoes its effects on the board; the account of samples continues.
     pub fn branch(&mut self, branch: impl FnOnce(&mut Self)) {
         self.board.open_branch();
         branch(self);
@@ -180,7 +168,6 @@ impl Host {
     }
 }
 
-/// A calibration that depends on the number.
 pub fn calibration(number: u8) -> Calibration {
     Calibration::Cubic(Cubic {
         centre: [30_000.0; 8],
@@ -194,7 +181,6 @@ pub fn crc_of(calibration: &Calibration) -> u32 {
     crc32(&calibration.to_bytes())
 }
 
-/// Builds a script of frames from the dark and lit codes of each channel.
 pub fn played(frames: usize, code: impl Fn(usize, usize) -> (u16, u16)) -> Vec<PlayedFrame> {
     (0..frames).map(|frame| std::array::from_fn(|channel| code(frame, channel))).collect()
 }

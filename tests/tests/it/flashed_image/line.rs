@@ -5,7 +5,7 @@ use system_tests::flashed::{Model, ROM_STACK};
 
 use super::host::{Host, Modelled, Random, boards};
 
-/// The error of an edge's time stated in docs/alignment.md, µs.
+/// The error stated in docs/alignment.md.
 const LATEST_US: f64 = 20.0;
 
 #[test]
@@ -38,7 +38,6 @@ fn the_times_of_edges_are_right_to_twenty_microseconds() {
         println!("edges are {least:.2} to {most:.2} µs late");
         // The clock counts whole µs.
         assert!(least > -1.0 && most < LATEST_US, "{least} to {most} µs");
-        // The samples were not affected.
         let status = host.status();
         assert_eq!((status.late, status.overflowed), (0, 0));
     }
@@ -55,7 +54,7 @@ fn a_signal_that_is_none_costs_no_sample() {
     host.board.drive_edges(&delays_s);
     host.run(0.8);
     host.edges.clear();
-    // A later edge is reported, and its number shows that there were others.
+    // The number of a later edge shows that there were others.
     host.board.drive_edges(&[0.05]);
     host.run(0.2);
     let [edge] = host.edges[..] else { panic!("{:?}", host.edges) };
@@ -88,7 +87,6 @@ fn the_rate_of_the_line_is_set_and_taken_back() {
     host.run(3.5);
     assert!((host.last.rate - 80e6 / 694.0).abs() < 1e-6, "{} baud", host.last.rate);
     host.status();
-    // A reset restores the default rate.
     host.board.jump(0x3000_0000);
     host.run(0.1);
     assert_eq!(host.last.rate, first);
@@ -102,7 +100,7 @@ fn the_bootloader_in_rom_finds_the_chip_as_after_a_reset() {
         host.order(Command::Start);
         host.run(0.1);
         assert_eq!(host.ask(Command::Bootloader), Some(Answer::Done));
-        // If the firmware's watchdog were still running, it would have caused a reset by now.
+        // A running watchdog would have reset the board by now.
         host.run(2.0);
         assert_eq!(host.resets, ["power", "software"]);
         let rom = host.last.rom.clone().expect("the ROM is entered");
@@ -110,9 +108,8 @@ fn the_bootloader_in_rom_finds_the_chip_as_after_a_reset() {
             (rom.stack_pointer, rom.vectors, rom.interrupts_on),
             (ROM_STACK, 0x1FFF_0000, 0)
         );
-        // System memory at 0, as BOOT0 maps it; everything else in its reset state.
+        // System memory at 0, as BOOT0 maps it.
         assert_eq!(rom.changed.into_iter().collect::<Vec<_>>(), [("0x40010000".to_owned(), 1)]);
-        // Any further reset starts the firmware.
         host.board.restore_power();
         host.run(0.1);
         assert_eq!(host.boots.len(), 2);

@@ -1,7 +1,7 @@
-//! Tests of the flashed image, as executed: power cuts, wires, faults, noise.
+//! The flashed image, as executed: power cuts, wires, faults, noise.
 //!
-//! `cargo xtask test` builds the image, sets up the model of its microcontroller, and passes both to these
-//! tests: `SHELLCAL_FLASHED_IMAGE` and `SHELLCAL_MODEL_PYTHON`.
+//! `cargo xtask test` builds the image, sets up its microcontroller's model, and passes both in
+//! `SHELLCAL_FLASHED_IMAGE` and `SHELLCAL_MODEL_PYTHON`.
 
 mod host;
 mod line;

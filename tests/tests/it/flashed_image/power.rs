@@ -8,15 +8,13 @@ use super::host::{Host, Modelled, boards, calibration, crc_of};
 /// Two pages erased, and a slot of 2,280 bytes in double words.
 const OPERATIONS: u64 = 2 + 2_280 / 8;
 
-/// Operations at which the power is cut: the first, the last, and every n-th in between. The slots' unit
-/// tests cover all of them.
+/// Returns first, last, and every n-th operation. The slots' unit tests cover all.
 fn cuts(one_in: u64) -> impl Iterator<Item = u64> {
     (0..OPERATIONS).filter(move |operation| {
         *operation < 4 || operation.is_multiple_of(one_in) || *operation > OPERATIONS - 4
     })
 }
 
-/// Effect of the operation during which the power was cut.
 const OUTCOMES: [&str; 4] = ["nothing", "some bits", "unreadable", "complete"];
 
 #[test]
@@ -42,7 +40,6 @@ fn a_power_cut_at_any_operation_of_an_upload_leaves_a_calibration() {
                     assert_eq!(host.boots.len(), boots + 1, "{operation} {outcome}: bricked");
                     let found = host.status().calibration_crc32;
                     assert_eq!(found, expected, "{operation} {outcome}");
-                    // A partial operation does not hinder the next upload.
                     if [0, 1, 42, OPERATIONS - 1].contains(&operation) {
                         assert_eq!(
                             host.upload(&third),
@@ -51,7 +48,6 @@ fn a_power_cut_at_any_operation_of_an_upload_leaves_a_calibration() {
                         );
                         assert_eq!(host.status().calibration_crc32, crc_of(&third));
                     }
-                    // The only resets are those by power.
                     let by_power = host.resets.iter().all(|cause| cause == "power");
                     assert!(by_power, "{operation} {outcome}: {:?}", host.resets);
                 });
@@ -86,7 +82,7 @@ fn a_fault_of_the_core_is_reported_with_its_place() {
         assert_eq!(host.resets, ["power", "software"]);
         assert_eq!(host.status().reset_cause, ResetCause::Fault);
         let words = host.last_words();
-        // The link register may hold any value at that time.
+        // The link register may hold any value.
         assert!(words.starts_with("fault at 0x30000000, called from 0x"), "{words}");
         // IBUSERR (Arm DDI0403, B3.2.15).
         assert!(words.ends_with("CFSR 0x00000100"), "{words}");

@@ -1,4 +1,4 @@
-//! The real `shellcal` at the other end of the flashed board's line.
+//! The real `shellcal` on the flashed board's line.
 
 use board_link::for_board;
 use calibration_file::CalibrationFile;
@@ -17,7 +17,6 @@ use crate::bridge::{BaseStation, EmulatedBoard};
 const READINGS: [&str; 8] = ["s1", "s2", "s3", "s4", "s5", "s6", "s7", "s8"];
 const WRENCH: [&str; 6] = ["fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"];
 
-/// Starts a board behind a base station; it plays a script of 53 frames.
 fn start_board(model: &Model, base: BaseStation, dir: &Path) -> EmulatedBoard {
     let script = played(53, code);
     EmulatedBoard::start(base, |address| {
@@ -54,7 +53,7 @@ fn shellcal_sets_the_board_up_and_records_it_whole() {
     interrupt(&child);
     finish(child, &arguments, 0);
     let log = Recording::read(&log);
-    // Readings are in steps of the converter; the board sends sixteenths.
+    // The board sends sixteenths of a converter step.
     let frames: Vec<_> =
         (0..log.rows()).map(|i| expected(i % 53).map(|counts| f64::from(counts) / 16.0)).collect();
     assert_eq!(log.table(READINGS), frames);
@@ -75,7 +74,6 @@ fn shellcal_sets_the_board_up_and_records_it_whole() {
     let crc = crc_of(&for_board(&calibration).unwrap());
     assert!(command("--json status", 0).contains(&format!("{crc:#010x}")));
 
-    // Wrenches from the board, compared with the host's from the same readings.
     command("mode wrench", 0);
     let frames: usize = number(&command("--json status", 0), "frames").try_into().unwrap();
     let arguments = format!("record {} --start -o wrench.csv", board.port);
@@ -94,8 +92,7 @@ fn shellcal_sets_the_board_up_and_records_it_whole() {
     calibration.wrench(&readings, &mut by_the_host);
     for (name, by_the_host) in WRENCH.into_iter().zip(&by_the_host) {
         for (row, (wrench, by_the_host)) in log.numbers(name).iter().zip(by_the_host).enumerate() {
-            // Single precision: sums of terms of up to about 100 N with a rounding error of 2⁻²⁴ relative to
-            // it, 25 times.
+            // Single precision: 25 sums of terms of up to about 100 N, each rounded at 2⁻²⁴.
             assert!(
                 (wrench - by_the_host).abs() < 1e-3,
                 "{name}, row {row}: {wrench} {by_the_host}"

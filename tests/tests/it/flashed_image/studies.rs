@@ -1,10 +1,8 @@
-//! The residual effect of disturbances, over many of them.
-
 use shared_proto::{Command, Values};
 
 use super::host::{Host, Modelled, boards, played};
 
-/// Checks the figures on flicker in docs/board.md.
+/// The figures on flicker in docs/board.md.
 #[test]
 #[ignore = "needs the flashed image"]
 fn of_300_steps_of_light_that_flickers_at_most_two_are_left() {

@@ -44,21 +44,20 @@ fn a_stream_equals_the_converters_values() {
         let first_us = host.samples[0].clock_us;
         for (i, sample) in host.samples.iter().enumerate() {
             assert_eq!(usize::from(sample.sequence), i);
-            // The first conversion after a pause is wrong in the model, as it may be on the chip.
+            // The first conversion after a pause is wrong, as it may be on the chip.
             assert_eq!(sample.values, Values::Readings(expected(i % 53)), "frame {i}");
             assert_eq!((sample.saturated, sample.dropped), (0, 0));
-            // The firmware counts a frame that starts more than 0.1 ms after its slot as late.
+            // A frame that starts more than 0.1 ms after its slot counts as late.
             let due_us = first_us + 10_000 * i as u32;
             assert!(sample.clock_us.abs_diff(due_us) <= 100, "frame {i}");
         }
         let status = host.status();
         assert_eq!((status.late, status.overflowed, status.damaged), (0, 0, 0));
-        // Health: the model's supply and temperature, by the factory's codes.
         let [health, ..] = host.healths[..] else { panic!("no word of health") };
         assert_eq!(health.sequence, 0);
         let dark = |channel| 16 * code(0, channel).0;
         assert_eq!(health.dark, std::array::from_fn(dark));
-        // Codes are integers: a step of the reference is 2.2 mV, of the thermometer 0.32 °C.
+        // A step of the reference is 2.2 mV, of the thermometer 0.32 °C.
         assert!(health.vitals.supply_mv.unwrap().abs_diff(3_300) <= 2);
         assert!(health.vitals.temperature_cdeg.unwrap().abs_diff(3_150) <= 35);
         // Three bursts of 8 conversions, two settlings, and the time for starting them.
@@ -77,8 +76,8 @@ fn readings_are_exact_after_any_number_of_conversions_and_any_settling() {
     for Modelled { model, conversion_ns, .. } in &boards() {
         let mut host = Host::start(model, &played(53, code));
         host.order(Command::SetPeriod { period_us: 50_000 });
-        // One conversion; single bursts of the oversampler, all sizes together, and several of the longest.
-        // With 2 ms of settling, the converter pauses for so long that its first conversion is wrong.
+        // One conversion; single bursts of the oversampler, all sizes together, and several of the
+        // longest. After 2 ms of settling the converter's first conversion is wrong.
         for (conversions, settling_us) in [(1, 0), (3, 1), (17, 30), (63, 30), (64, 30), (5, 2_000)]
         {
             host.order(Command::SetOversampling { conversions });
@@ -86,7 +85,7 @@ fn readings_are_exact_after_any_number_of_conversions_and_any_settling() {
             host.order(Command::Start);
             host.run(0.5);
             host.order(Command::Stop);
-            // In the order in which the settings are validated: each number exceeds the previous ones.
+            // In the order of validation: each number exceeds the previous ones.
             let conversions_us = (u32::from(conversions) * conversion_ns).div_ceil(1_000);
             let promised_us = 8 * (2 * u32::from(settling_us) + 3 * conversions_us + 30);
             let longest_us = u32::from(host.status().longest_frame_us);
@@ -117,8 +116,7 @@ fn a_line_that_is_held_up_costs_the_oldest_samples() {
     host.order(Command::Stop);
     let sequence: Vec<u16> = host.samples.iter().map(|sample| sample.sequence).collect();
     assert_eq!(sequence, (0..host.samples.len() as u16).collect::<Vec<_>>());
-    // The frame that the driver already held is old. All others are at most 160 ms old, the capacity of the
-    // outbox.
+    // The frame in the driver is old. All others are at most 160 ms old, the outbox's capacity.
     let stale = host.samples[before..].iter();
     let stale = stale.filter(|sample| sample.clock_us + 180_000 < released_us).count();
     assert!(stale <= 2, "{stale} samples of before");
@@ -151,7 +149,7 @@ fn sent_received_and_lost_frames_add_up_over_a_bad_line() {
     host.order(Command::Start);
     let mut random = Random(18);
     while host.last.time_s < 21.0 {
-        // One byte in a few hundred is changed on its way, and the line is held up now and then.
+        // One byte in a few hundred is changed, and the line is held up now and then.
         let held_up = random.next().is_multiple_of(40);
         if held_up {
             host.board.set_cts("high");
@@ -176,7 +174,7 @@ fn sent_received_and_lost_frames_add_up_over_a_bad_line() {
     let last = u64::from(host.samples.last().unwrap().sequence);
     let numbers: Vec<u16> = host.samples.iter().map(|sample| sample.sequence).collect();
     assert!(numbers.windows(2).all(|pair| pair[0] < pair[1]));
-    // The last samples may have been damaged without a later frame that would show it.
+    // No later frame would show damage to the last samples.
     let sent = u64::from(status.frames - status.overflowed);
     assert!(sent - (last + 1) <= 3, "{sent} sent, {last} the last number");
     assert_eq!(status.late, 0);
@@ -220,7 +218,6 @@ fn rates_that_the_line_does_not_carry_are_refused() {
     let Some(Answer::Refused(Refusal::LineTooSlow { shortest_us })) = answer else {
         panic!("{answer:?}")
     };
-    // The period reported as possible works.
     host.order(Command::SetPeriod { period_us: shortest_us });
     assert_eq!(host.status().stream, Stream::Raw);
     host.order(Command::Start);
