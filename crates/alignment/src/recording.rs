@@ -1,4 +1,4 @@
-//! Prepared recordings: rows in order of time, without repeats, and with saturated rows marked.
+//! Prepared recordings: rows in order of time, without repeats, with saturated rows marked.
 
 use super::error::{AlignError, LEAST_OVERLAP_S, RecordingSide};
 use super::optics::ReadingReach;
@@ -13,36 +13,34 @@ pub struct Recording {
     pub columns: Vec<Vec<f64>>,
 }
 
-/// Numbers of rows that are not used.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct LeftOut {
     pub not_finite: usize,
     /// Not later than the previous row.
     pub not_later: usize,
-    /// All columns equal to the previous row: the sensor had no new value.
+    /// The sensor had no new value.
     pub repeated: usize,
     /// At an end of the range: kept, but not matched.
     pub saturated: usize,
 }
 
-/// A logger that runs faster than its sensor repeats a row for at most this time, s.
+/// Longest time for which a logger faster than its sensor repeats a row, s.
 const LONGEST_REPEAT_S: f64 = 0.02;
-/// A change by this number of its smallest steps means that a column moves.
+/// A column moves if it changes by this many of its smallest steps.
 const MOVE: f64 = 3.0;
-/// The minimum smallest step, as a fraction of the range, for columns without a fixed resolution.
+/// Least smallest step, as a share of the range, for columns without a fixed resolution.
 const LEAST_STEP: f64 = 1e-4;
-/// This number of consecutive equal values at the extreme of a column marks the end of the range.
+/// Consecutive equal values at the extreme of a column that mark the end of the range.
 const SATURATED_RUN: usize = 5;
-/// Rows out of order up to this share are transmission errors.
+/// Up to this share, rows out of order are transmission errors.
 const OUT_OF_ORDER: f64 = 0.01;
 
-/// A recording with valid rows only.
 #[derive(Clone, Debug)]
 pub(super) struct Clean {
     /// Time since `start_s`, strictly increasing.
     pub(super) time_s: Vec<f64>,
     pub(super) columns: Vec<Vec<f64>>,
-    /// True for each row that is within the range in every column.
+    /// Within the range in every column.
     pub(super) in_range: Vec<bool>,
     pub(super) start_s: f64,
     pub(super) period_s: f64,
@@ -110,7 +108,7 @@ impl BoardFrames {
             board.columns.iter().filter(|c| c.iter().any(|&x| x != c[0])).collect();
         let mut frames =
             Self { time_s: vec![], readings: vec![], channels: moving.len(), ranges: vec![] };
-        // With a small margin, so that rounding does not pair rows at exactly that rate.
+        // A small margin: rounding does not pair rows at exactly that rate.
         let cell_s = if rate_hz * board.period_s > 0.75 { 0.0 } else { 1.0 / rate_hz };
         let rows: Vec<usize> = (0..board.time_s.len()).filter(|&row| board.in_range[row]).collect();
         let cell = |row: usize| match cell_s > 0.0 {
@@ -137,10 +135,10 @@ impl BoardFrames {
 
 /// Selects finite rows in order of time with new values.
 ///
-/// A resting load leaves equal rows, and so does a logger that runs faster than its sensor. The latter
-/// repeats rows during a movement, with a jump before and after. Only these are dropped, unless all repeats
-/// are known to be the logger's. (Repeats at rest are harmless, whereas dropping rows at rest would remove
-/// one side of each tap.)
+/// A constant load leaves equal rows, and so does a logger that runs faster than its sensor. The
+/// latter repeats rows during a movement, with a jump before and after. Only these are dropped,
+/// unless all repeats are known to be the logger's: dropping rows of a constant load would remove
+/// one side of each tap.
 fn rows_to_keep(time_s: &[f64], columns: &[Vec<f64>], all_repeats: bool) -> (Vec<bool>, LeftOut) {
     let mut left_out = LeftOut::default();
     let mut keep = vec![true; time_s.len()];
@@ -178,10 +176,8 @@ fn rows_to_keep(time_s: &[f64], columns: &[Vec<f64>], all_repeats: bool) -> (Vec
     (keep, left_out)
 }
 
-/// Selects rows in which no column stays at its own extreme.
-///
-/// A load that truly rests at its extreme is excluded too; it has no slope there, so it carries no
-/// information about time.
+/// Selects rows in which no column stays at its own extreme. A load that truly stays there is
+/// excluded too; it has no slope, so it carries no information about time.
 fn in_range(columns: &[Vec<f64>]) -> Vec<bool> {
     let mut inside = vec![true; columns.first().map_or(0, Vec::len)];
     for column in columns {
@@ -207,7 +203,6 @@ fn in_range(columns: &[Vec<f64>]) -> Vec<bool> {
     inside
 }
 
-/// The smallest nonzero change from row to row.
 fn smallest_step(column: &[f64]) -> f64 {
     let steps = column.windows(2).map(|pair| (pair[1] - pair[0]).abs()).filter(|&step| step > 0.0);
     steps.fold(f64::INFINITY, f64::min)

@@ -3,24 +3,26 @@
 //! Model, for board rows at times t_i with readings y_i:
 //!
 //! ```text
-//! y_i = Bᵀ x(τ_i) + e_i      τ_i = t_i + o + s (t_i − t̄)      e ~ (0, Σ)
+//! y_i = Bᵀ x(τ_i) + e_i τ_i = t_i + o + s (t_i − t̄) e ~ (0, Σ)
 //! ```
 //!
-//! y are the [straightened](super::optics) readings, x the [features](super::response) of the reference, a
-//! constant and a drift. For given o and s the map B is a linear least-squares problem. The steps in (o, s)
-//! are Gauss–Newton steps with B eliminated (Golub & Pereyra, SIAM J. Numer. Anal. 10, 413, 1973, in
-//! Kaufman's form): with d_i = Bᵀ ẋ(τ_i), J = (d, (t − t̄) d) projected off the features, and W = Σ̂⁻¹,
+//! y are the [straightened](super::optics) readings, x the [features](super::response) of the
+//! reference, a constant and a drift. For given o and s the map B is a linear least-squares
+//! problem. The steps in (o, s) are Gauss–Newton steps with B eliminated (Golub & Pereyra, SIAM J.
+//! Numer. Anal. 10, 413, 1973, in Kaufman's form): with d_i = Bᵀ ẋ(τ_i), J = (d, (t − t̄) d)
+//! projected off the features, and W = Σ̂⁻¹,
 //!
 //! ```text
-//! H = Jᵀ W J      g = Jᵀ W y      (o, s) ← (o, s) + H⁻¹ g
+//! H = Jᵀ W J g = Jᵀ W y (o, s) ← (o, s) + H⁻¹ g
 //! ```
 //!
-//! Each step needs only one Gram matrix over the rows, so memory does not grow. H⁻¹ would be the covariance
-//! of (o, s) if the residuals were white. They are not if the model of the springs is inexact. The covariance
-//! is therefore H⁻¹ S H⁻¹ with S the long-run covariance of the scores (Newey & West, Econometrica 55, 703,
-//! 1987), increased by the model errors in [`choice`](super::choice) and [`uncertainty`](super::uncertainty).
+//! Each step needs only one Gram matrix over the rows. H⁻¹ would be the covariance of (o, s) if the
+//! residuals were white, which an inexact model of the springs prevents. The covariance is
+//! therefore H⁻¹ S H⁻¹ with S the long-run covariance of the scores (Newey & West, Econometrica 55,
+//! 703, 1987), increased by the model errors in [`choice`](super::choice) and
+//! [`uncertainty`](super::uncertainty).
 //!
-//! The model is refined in three rounds: with memories on the axes, which determines the direction that each
+//! There are three rounds: with memories on the axes, which determines the direction that each
 //! channel senses; with all kinds of memory; and with those that the readings need.
 
 use faer::{Mat, MatRef};
@@ -38,34 +40,34 @@ use super::{Excerpt, Quality};
 
 const BLOCK: usize = 256;
 const STEPS: usize = 40;
-/// Number of features that do not depend on the load: a constant and a drift.
+/// A constant and a drift.
 const CONSTANTS: usize = 2;
-/// Number of first steps that also estimate the share of the memory in the products; it is then fixed, so
-/// that the steps can converge.
+/// First steps that also estimate the share of the memory in the products; fixed afterwards, so
+/// that the steps converge.
 const MEMORY_STEPS: usize = 4;
 /// Steps are small below this share of the standard error for white residuals.
 const SMALL: f64 = 0.01;
 /// Models are compared once steps are this small.
 const ROUGH: f64 = 0.1;
-/// Number of full steps; later ones are halved, since bends and outlier weights may oscillate with them.
+/// Full steps; later ones are halved, since bends and outlier weights may oscillate with them.
 const FULL_STEPS: usize = 8;
-/// The minimum number of rows per feature for a trial of all kinds of memory.
+/// Fewest rows per feature for a trial of all kinds of memory.
 const ROWS_PER_FEATURE: usize = 4;
-/// The minimum slope by which readings are straightened for the figure.
+/// Least slope by which readings are straightened for the figure.
 const LEAST_GAIN: f64 = 0.1;
 /// A row with a larger residual (squared, per channel) is downweighted (Huber).
 const OUTLIER: f64 = 4.0;
-/// Oscillating steps below this are accepted, s: jumps of the load between two frames make the objective a
-/// function of the offset with corners.
+/// Smaller oscillating steps are accepted, s: jumps of the load between two frames make the
+/// objective a function of the offset with corners.
 const NEARLY_S: f64 = 5e-4;
 /// A step of this length has lost the match, s.
 const LOST_S: f64 = 10.0;
 /// Half-length of the excerpt, s.
 const EXCERPT_S: f64 = 0.6;
-/// The largest step of the offset, s: features hardly change over a shorter one.
+/// Features hardly change over a shorter step of the offset.
 const LARGEST_STEP_S: f64 = 0.01;
 
-/// The map from board time to reference time, each since the start of its recording.
+/// Map from board time to reference time, each since the start of its recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Warp {
     pub(super) offset_s: f64,
@@ -79,7 +81,6 @@ impl Warp {
         time_s + self.offset_s + self.skew * (time_s - self.pivot_s)
     }
 
-    /// Rewrites the warp about another pivot.
     pub(super) fn about(&self, pivot_s: f64) -> Self {
         let offset_s = self.offset_s + self.skew * (pivot_s - self.pivot_s);
         Self { offset_s, pivot_s, ..*self }
@@ -90,18 +91,16 @@ impl Warp {
 pub(super) struct WarpEstimate {
     pub(super) warp: Warp,
     pub(super) covariance: [[f64; 2]; 2],
-    /// The quality without the results of the search; times since the start of the board's recording.
+    /// Without the results of the search; times since the start of the board's recording.
     pub(super) quality: Quality,
 }
 
-/// The current model of the sensor.
 struct KnownSensor {
     /// The map from features to straight readings.
     map: Mat<f64>,
     weights: Option<Mat<f64>>,
     bends: Vec<Bend>,
     model: MemoryModel,
-    /// The features in use.
     keep: Vec<bool>,
 }
 
@@ -122,7 +121,7 @@ impl KnownSensor {
         }
     }
 
-    /// Adds plays beyond those on the axes, whose share is not yet known.
+    /// Adds plays beyond those on the axes; their share is not yet known.
     fn with_channels(mut self, trajectory: &Trajectory) -> Self {
         let linear = linear(&self.map);
         self.model = self.model.with_channels(linear, |direction| trajectory.reach(direction));
@@ -132,7 +131,6 @@ impl KnownSensor {
         self
     }
 
-    /// The family of each memory feature.
     fn families(&self) -> Vec<Option<Family>> {
         let mut families = vec![None; CONSTANTS];
         families.extend(self.model.families());
@@ -146,25 +144,21 @@ impl KnownSensor {
     }
 }
 
-/// A map without constant and drift.
 fn linear(map: &Mat<f64>) -> MatRef<'_, f64> {
     map.subrows(CONSTANTS, map.nrows() - CONSTANTS)
 }
 
-/// The result of converged steps.
 struct SettledWarp {
     gram: GramSums,
     projected: Projected,
     /// H⁻¹.
     white: [[f64; 2]; 2],
-    /// The last step of the offset (s) and the skew, if the steps oscillate.
+    /// Last step of the offset (s) and the skew, if the steps oscillate.
     left: [f64; 2],
 }
 
-/// Fits the warp to the rows with board times in `window`, starting nearby.
-///
-/// `prior_skew` is the standard deviation of a prior that holds the skew near zero, for windows too short to
-/// determine it. Only memories on the axes are then used.
+/// Fits the warp to the rows with board times in `window`, starting nearby. `prior_skew` is for
+/// windows too short to determine the skew; only memories on the axes are then used.
 pub(super) fn refine(
     trajectory: &Trajectory,
     frames: &BoardFrames,
@@ -217,7 +211,7 @@ impl<'a> WarpProblem<'a> {
     ) -> Self {
         let first = frames.time_s.partition_point(|&t| t < from_s);
         let last = frames.time_s.partition_point(|&t| t <= to_s);
-        // The middle of the overlap, at which the offset is nearly independent of the skew.
+        // The middle of the overlap makes the offset nearly independent of the skew.
         let inside = |i: &usize| {
             let tau = near.apply(frames.time_s[*i]);
             tau >= 0.0 && tau <= trajectory.span_s()
@@ -237,8 +231,8 @@ impl<'a> WarpProblem<'a> {
         }
     }
 
-    /// Takes Gauss–Newton steps until they are `small`. Each step updates map, weights and bends, and in the
-    /// first `memory_steps` also the shares of the memory.
+    /// Steps until they are `small`. Each step updates map, weights and bends, and in the first
+    /// `memory_steps` also the shares of the memory.
     fn settle(
         &self,
         warp: &mut Warp,
@@ -359,7 +353,7 @@ impl<'a> WarpProblem<'a> {
         gram
     }
 
-    /// Uncertainty and figures of merit at the solution.
+    /// Uncertainty and quality at the solution.
     fn finish(
         &self,
         warp: Warp,
@@ -375,7 +369,7 @@ impl<'a> WarpProblem<'a> {
         let mut sums = ResidualSums::new(channels, -self.half_span_s);
         self.for_each(&warp, current, |row| sums.add(row, &row.features[CONSTANTS..], &solution));
         let covariance = sums.covariance(*white, spread);
-        // The excerpt shows the channel with the fastest change of a reading, around that time.
+        // The excerpt shows the channel with the fastest change of a reading.
         let (_, channel, centre_s) = sums.steepest;
         let mut points = Vec::new();
         self.for_each(&warp, current, |row| {

@@ -1,20 +1,20 @@
 //! The reference at any time, after a low-pass.
 //!
 //! ```text
-//! w(t) = Σ h(t − t_k) v_k x_k / Σ h(t − t_k) v_k      v_k = (t_{k+1} − t_{k−1}) / 2
+//! w(t) = Σ h(t − t_k) v_k x_k / Σ h(t − t_k) v_k v_k = (t_{k+1} − t_{k−1}) / 2
 //! ```
 //!
-//! This is the convolution with the kernel h by the trapezoidal rule over the actual sample times of the
-//! reference. It has no value if the kernel would reach over a gap, over rows out of range, or past an end.
+//! This is the convolution with the kernel h by the trapezoidal rule over the actual sample times.
+//! It has no value if the kernel would reach over a gap, over rows out of range, or past an end.
 //! The kernel is a sinc under a Kaiser window, optionally averaged over an exposure:
 //!
 //! ```text
-//! h(x) = 2 f_c sinc(2 f_c x) · I₀(β √(1 − (x/L)²)) / I₀(β)      |x| ≤ L
+//! h(x) = 2 f_c sinc(2 f_c x) · I₀(β √(1 − (x/L)²)) / I₀(β) |x| ≤ L
 //! ```
 //!
-//! β and L follow from the stopband attenuation and the width of the transition (Kaiser 1974; Oppenheim &
-//! Schafer, Discrete-Time Signal Processing, 3rd ed., eqs 7.75 and 7.76). The kernel is symmetric, so it has
-//! no delay.
+//! β and L follow from the stopband attenuation and the width of the transition (Kaiser 1974;
+//! Oppenheim & Schafer, Discrete-Time Signal Processing, 3rd ed., eqs 7.75 and 7.76). The kernel is
+//! symmetric, so it has no delay.
 
 use std::f64::consts::PI;
 
@@ -33,19 +33,18 @@ const GAP_PERIODS: f64 = 2.5;
 /// … or this fraction of a period at the cut-off, whichever is longer.
 const GAP_OF_OUTPUT_PERIOD: f64 = 0.5;
 
-/// A recording that can be evaluated at any time.
 #[derive(Debug)]
 pub(super) struct Resampler<'a> {
     source: &'a Clean,
     kernel: Kernel,
     spacing_s: Vec<f64>,
-    /// First row of the gap-free stretch around a row, and the row after its last.
+    /// First row of the gap-free block around a row, and the row after its last.
     stretch: Vec<(u32, u32)>,
     weights: Vec<f64>,
 }
 
 impl<'a> Resampler<'a> {
-    /// For outputs at `rate_hz`, averaged over an exposure, with faster loads attenuated by `stopband_db`.
+    /// For outputs at `rate_hz`, averaged over an exposure, with faster loads attenuated.
     pub(super) fn new(source: &'a Clean, rate_hz: f64, exposure_s: f64, stopband_db: f64) -> Self {
         let time = &source.time_s;
         let gap_s = (GAP_PERIODS * source.period_s).max(GAP_OF_OUTPUT_PERIOD / rate_hz);
@@ -70,8 +69,7 @@ impl<'a> Resampler<'a> {
         Self { source, kernel, spacing_s, stretch, weights: Vec::new() }
     }
 
-    /// The columns at `time_s` (on the reference's clock, since its start). Returns false if there is no
-    /// value.
+    /// The columns at `time_s` since the reference's start; returns false if there is no value.
     pub(super) fn at(&mut self, time_s: f64, values: &mut [f64]) -> bool {
         let time = &self.source.time_s;
         let reach_s = self.kernel.half_width_s;
@@ -109,10 +107,9 @@ struct Kernel {
 }
 
 impl Kernel {
-    /// Designs the kernel for an output at `rate_hz`: it passes frequencies up to 0.3 times the rate
-    /// unchanged, halves 0.4 times the rate, and attenuates those above half of the rate by `stopband_db`, at
-    /// least 50; the passband ripple corresponds. If `exposure_s` > 0, the kernel also averages over that
-    /// time.
+    /// Passes frequencies up to 0.3 times `rate_hz`, halves 0.4 times the rate, and attenuates
+    /// those above half of the rate by `stopband_db`, at least 50; the passband ripple corresponds.
+    /// Also averages over `exposure_s`, if above 0.
     fn new(rate_hz: f64, exposure_s: f64, stopband_db: f64) -> Self {
         let cutoff_hz = (0.5 - HALF_TRANSITION) * rate_hz;
         let transition_hz = 2.0 * HALF_TRANSITION * rate_hz;
@@ -131,7 +128,7 @@ impl Kernel {
         let half_width_s = half_s + 0.5 * exposure_s;
         let per_s = PER_LOBE * 2.0 * cutoff_hz;
         let entries = (half_width_s * per_s).ceil() as usize + 2;
-        // The exposure is averaged by the midpoint rule, with steps much finer than the lobes of the kernel.
+        // Midpoint rule, with steps much finer than the lobes of the kernel.
         let parts = (exposure_s * 2.0 * cutoff_hz * 64.0).ceil().clamp(1.0, 4096.0) as usize;
         let value = |x_s: f64| {
             let part = |i: usize| x_s + exposure_s * ((i as f64 + 0.5) / parts as f64 - 0.5);
@@ -141,7 +138,7 @@ impl Kernel {
         Self { half_width_s, per_s, table }
     }
 
-    /// The kernel at a distance of at most `half_width_s` in either direction, 1/s.
+    /// In 1/s, at a distance of at most `half_width_s` in either direction.
     #[inline]
     fn at(&self, distance_s: f64) -> f64 {
         let position = distance_s.abs() * self.per_s;
@@ -151,7 +148,7 @@ impl Kernel {
     }
 }
 
-/// The modified Bessel function of order 0, by its power series (all terms positive).
+/// Modified Bessel function of order 0, by its power series (all terms positive).
 fn bessel_i0(x: f64) -> f64 {
     let quarter = 0.25 * x * x;
     let (mut term, mut sum) = (1.0, 1.0);

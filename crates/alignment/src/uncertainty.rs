@@ -1,4 +1,4 @@
-//! The covariance and the figures of merit of a warp from its residuals, in one pass over the rows.
+//! Covariance and quality of a warp from its residuals, in one pass over the rows.
 
 use faer::{Mat, MatRef};
 
@@ -6,39 +6,37 @@ use super::inner_products::dots;
 use super::optics::Straight;
 use super::response::MemoryModel;
 
-/// Residuals correlated for longer than this are drift, which the model includes, s.
+/// Residuals correlated for longer are drift, which the model includes, s.
 const CORRELATED_S: f64 = 0.5;
-/// Width of the bins in which scores are summed before their correlations are computed, s.
+/// Width of the bins in which scores are summed, s.
 const SCORE_BIN_S: f64 = 0.01;
-/// Residuals that are similar from row to row come from the model. This share of the model error is assumed
-/// to lie along the slopes, where the offset absorbs it and no residual shows it. The value was found with
-/// sensors of six kinds of hysteresis (`docs/alignment.md`).
+/// Share of the model error (residuals that are similar from row to row) that is assumed to lie
+/// along the slopes, where the offset absorbs it and no residual shows it. From sensors of six
+/// kinds of hysteresis (`docs/alignment.md`).
 const HIDDEN_SHARE: f64 = 0.025;
-/// No model of the memory has exactly the right widths, times and directions: this share of its delay is
-/// uncertain, however small the residuals are (found in the same way).
+/// Uncertain share of the memory's delay: no model has exactly the right widths, times and
+/// directions (found in the same way).
 const UNKNOWN_DELAY: f64 = 0.012;
-/// Frames do not show when a load jumps between two of them: this share of their period is uncertain (found
-/// in the same way).
+/// Uncertain share of the frames' period: they do not show when a load jumps between two of them
+/// (found in the same way).
 const UNKNOWN_JUMP: f64 = 0.4;
-/// Pure noise makes products of successive residuals scatter about zero: this number of standard deviations
-/// of that scatter is subtracted.
+/// Standard deviations subtracted from the products of successive residuals, which pure noise
+/// scatters about zero.
 const CHANCE: f64 = 2.0;
 
-/// One row of the board with the prediction from the reference.
 pub(super) struct MatchedRow<'a> {
     pub(super) from_pivot_s: f64,
     pub(super) features: &'a [f64],
-    /// The derivative of the predicted straight readings with respect to the offset, counts/s.
+    /// Derivative of the predicted straight readings by the offset, counts/s.
     pub(super) slope: &'a [f64],
     pub(super) readings: &'a [f64],
     pub(super) straight: &'a [Straight],
-    /// The weight of the row: 1, or less for an outlier.
+    /// 1, or less for an outlier.
     pub(super) weight: f64,
     /// Straight reading minus the predicted one, counts.
     pub(super) residual: &'a [f64],
 }
 
-/// The solution that rows are compared with.
 pub(super) struct Solution<'a> {
     /// Coefficients of [slope | slope · time] on the features.
     pub(super) along: &'a Mat<f64>,
@@ -48,7 +46,6 @@ pub(super) struct Solution<'a> {
     pub(super) model: &'a MemoryModel,
 }
 
-/// Sums over the rows at the solution.
 #[derive(Debug, Default)]
 pub(super) struct ResidualSums {
     /// Time of the first row from the pivot, s.
@@ -62,7 +59,6 @@ pub(super) struct ResidualSums {
     late: [f64; 2],
     /// Σ eᵀ W e′ over successive rows: the squares of their common part.
     alike: f64,
-    /// The residual of the previous row, times its weight.
     before: Vec<f64>,
     /// Σ (d − d′)ᵀ W (d − d′) over successive slopes.
     jumps: f64,
@@ -83,7 +79,7 @@ impl ResidualSums {
         Self { start_s, end_s, squares, before, slope_before, late_part, ..Self::default() }
     }
 
-    /// Adds a row; `of_load` are the features without those that do not depend on the load.
+    /// `of_load` are the features that depend on the load.
     pub(super) fn add(&mut self, row: &MatchedRow<'_>, of_load: &[f64], at: &Solution<'_>) {
         self.rows += 1;
         self.late_features.resize(of_load.len(), 0.0);
@@ -125,11 +121,9 @@ impl ResidualSums {
         }
     }
 
-    /// The covariance of offset (s) and skew. `white` is H⁻¹, `spread` the variances over the plausible
-    /// models.
-    ///
-    /// The common part of successive residuals sums to eᵀWe′. If a share `HIDDEN_SHARE` of it lies along the
-    /// slopes, its squared error is `HIDDEN_SHARE² eᵀWe′ H⁻¹`.
+    /// Covariance of offset (s) and skew. `white` is H⁻¹, `spread` the variances over the plausible
+    /// models. The common part of successive residuals sums to eᵀWe′. If a share `HIDDEN_SHARE` of
+    /// it lies along the slopes, its squared error is `HIDDEN_SHARE² eᵀWe′ H⁻¹`.
     pub(super) fn covariance(&self, white: [[f64; 2]; 2], spread: [f64; 2]) -> [[f64; 2]; 2] {
         let longest = (CORRELATED_S / SCORE_BIN_S) as usize;
         let mut covariance = sandwich(white, long_run_covariance(&self.scores, longest));
@@ -145,7 +139,7 @@ impl ResidualSums {
         covariance
     }
 
-    /// The period of the frames if the load jumps between them; nearly zero for a gradual load.
+    /// Period of the frames if the load jumps between them; nearly zero for a gradual load.
     fn jump_s(&self) -> f64 {
         let period_s = (self.end_s - self.start_s) / self.rows.max(1) as f64;
         let roughness = if self.late[1] > 0.0 { self.jumps / self.late[1] } else { 0.0 };
@@ -153,7 +147,6 @@ impl ResidualSums {
         period_s * (0.5 * roughness).powi(4).min(1.0)
     }
 
-    /// The delay of the readings due to the memory, s.
     pub(super) fn delay_s(&self) -> f64 {
         match self.late {
             [late, along] if along > 0.0 => -late / along,
@@ -161,12 +154,11 @@ impl ResidualSums {
         }
     }
 
-    /// RMS residual of each channel, counts.
     pub(super) fn residual(&self) -> Vec<f64> {
         self.squares.iter().map(|[squares, ..]| (squares / self.rows as f64).sqrt()).collect()
     }
 
-    /// Share of the readings' variance that is explained, averaged over the channels that change.
+    /// Share of the readings' variance that is explained; mean of the channels that change.
     pub(super) fn explained(&self) -> f64 {
         let left = self.squares.iter().filter_map(|[squares, sum, sum_of_squares]| {
             let spread = sum_of_squares - sum * sum / self.rows as f64;

@@ -7,33 +7,29 @@ use super::window::Proposal;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Severity {
-    /// Information on how the log was recorded.
+    /// How the log was recorded.
     Note,
     /// The results may be worse than they look.
     Warning,
 }
 
-/// Information that a reader of a trial's results should know.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Diagnostic {
     pub severity: Severity,
-    /// A short name for scripts, the same for all of a kind.
+    /// A name for scripts, the same for all of a kind.
     pub code: &'static str,
     pub text: String,
 }
 
 impl Diagnostic {
-    /// A note on how the log was recorded.
     pub(super) fn note(code: &'static str, text: impl Into<String>) -> Self {
         Self { severity: Severity::Note, code, text: text.into() }
     }
 
-    /// A warning that results may be worse than they look.
     pub fn warning(code: &'static str, text: impl Into<String>) -> Self {
         Self { severity: Severity::Warning, code, text: text.into() }
     }
 
-    /// A note that the window was found in the forces.
     pub fn found_window(found: &Proposal) -> Self {
         let text = format!(
             "the window was found in the drag: confidence {:.0} %, entry ± {:.3} s, exit ± {:.3} s",

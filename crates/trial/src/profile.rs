@@ -1,7 +1,7 @@
 //! Robot profiles: the scales of a robot's telemetry, and its properties.
 //!
-//! A profile is a TOML document. [`Profile::velociroach`] is built in; its file cites the source of each
-//! constant. A document with `base = "velociroach"` lists only the differences from it.
+//! A profile is a TOML document. The file of the built-in [`Profile::velociroach`] cites the source
+//! of each constant; a document with `base = "velociroach"` lists only the differences from it.
 
 use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
@@ -13,10 +13,9 @@ use toml::{Spanned, Table, Value};
 
 use super::manifest::{ManifestProblem, parse_toml as parse};
 
-/// The built-in profile as a document, as a template for others.
+/// The built-in profile, as a template for others.
 pub const VELOCIROACH: &str = include_str!("../assets/profiles/velociroach.toml");
 
-/// A robot and its channel.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Profile {
@@ -43,7 +42,7 @@ pub struct TelemetryScales {
     pub duty_counts: f64,
 }
 
-/// The form of a telemetry column in the logs of a robot.
+/// A telemetry column in the logs of a robot.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TelemetryColumn {
@@ -90,8 +89,8 @@ impl Profile {
     /// Reads a profile.
     ///
     /// # Errors
-    /// [`ManifestProblem`] with line and column: not TOML, a missing or unknown key, a constant that is not a
-    /// positive number, or a unit that does not suit the column.
+    /// [`ManifestProblem`] with line and column: not TOML, a missing or unknown key, a constant
+    /// that is not positive, or a unit that does not suit the column.
     pub fn parse(text: &str) -> Result<Self, ManifestProblem> {
         let has_base = parse::<Table>(text)?.contains_key("base");
         let profile: Self = if has_base { Differences::parse(text)? } else { parse(text)? };
@@ -114,27 +113,25 @@ impl Profile {
         Ok(profile)
     }
 
-    /// The name of a telemetry column in its logs, if the profile gives one.
+    /// Name of a telemetry column in its logs, if the profile gives one.
     pub fn column_name(&self, kind: Telemetry) -> Option<&str> {
         self.columns.get(key_of(kind)?)?.name.as_deref()
     }
 
-    /// The factor from the unit of a column to the SI unit, if the profile gives one.
+    /// Factor to the SI unit, if the profile gives a unit.
     pub(super) fn unit(&self, kind: Telemetry) -> Option<f64> {
         let (key, _, units) = COLUMNS.into_iter().find(|(_, of, _)| *of == kind)?;
         in_si(self.columns.get(key)?.unit.as_deref()?, units)
     }
 
-    /// The angle per count of a leg position column, rad.
+    /// Angle per count, rad.
     pub(super) fn leg_rad(&self, leg: Telemetry) -> f64 {
         self.unit(leg).unwrap_or(self.telemetry.leg_rad_per_count)
     }
 }
 
-/// A table of constants, with their positions.
 type NamedConstants = BTreeMap<Spanned<String>, f64>;
 
-/// A document with only the differences from a built-in profile.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Differences {
@@ -191,7 +188,7 @@ impl Motor {
     }
 }
 
-/// Units with their factors to the SI unit.
+/// Units with factors to the SI unit.
 type Units = &'static [(&'static str, f64)];
 
 const ANGLE: Units = &[("rad", 1.0), ("deg", PI / 180.0), ("rev", TAU)];
@@ -200,7 +197,7 @@ const VOLTAGE: Units = &[("V", 1.0), ("mV", 1e-3)];
 const CURRENT: Units = &[("A", 1.0), ("mA", 1e-3)];
 const POWER: Units = &[("W", 1.0), ("mW", 1e-3)];
 
-/// The columns that results are computed from: their keys in a profile, and their possible units.
+/// Columns that results are computed from: keys in a profile and possible units.
 const COLUMNS: [(&str, Telemetry, Units); 13] = [
     ("right_leg", Telemetry::RightLeg, ANGLE),
     ("left_leg", Telemetry::LeftLeg, ANGLE),
@@ -217,12 +214,11 @@ const COLUMNS: [(&str, Telemetry, Units); 13] = [
     ("left_power", Telemetry::LeftPower, POWER),
 ];
 
-/// The columns that results are computed from.
 pub fn used_telemetry() -> impl Iterator<Item = Telemetry> {
     COLUMNS.into_iter().map(|(_, kind, _)| kind)
 }
 
-/// The key of a column in a profile, if it has one.
+/// Key in a profile, if any.
 pub(super) fn key_of(kind: Telemetry) -> Option<&'static str> {
     COLUMNS.into_iter().find(|(_, of, _)| *of == kind).map(|(key, ..)| key)
 }
@@ -231,7 +227,6 @@ fn in_si(unit: &str, units: Units) -> Option<f64> {
     units.iter().find(|(name, _)| *name == unit).map(|(_, si)| *si)
 }
 
-/// Checks the entry of the column `key` in a profile; the error is a message.
 fn check_column(key: &str, column: &TelemetryColumn) -> Result<(), String> {
     let Some((.., units)) = COLUMNS.into_iter().find(|(known, ..)| *known == key) else {
         let keys = quoted(COLUMNS.iter().map(|(key, ..)| key), ", ");

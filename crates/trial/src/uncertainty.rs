@@ -1,26 +1,27 @@
-//! The uncertainty of the mean force of a window.
+//! Uncertainty of the mean force of a window.
 //!
-//! The tared mean force is linear in the coefficients C: `dᵀC`, where d is the difference between the mean
-//! features of the window and those of the tare. Its error has four parts, which add as variances:
+//! The tared mean force is `dᵀC`, where C are the coefficients and d is the difference between the
+//! mean features of the window and those of the tare. Its error has four parts, which add as
+//! variances:
 //!
 //! - the error of the coefficients, `‖Tᵀd‖²` (or `S·‖Fᵀd‖²` if rows are treated as independent; see
 //!   [`calibration::uncertainty`]);
-//! - the noise of the tare's mean, from the scatter of its frames, with their autocorrelation (Newey & West,
-//!   Econometrica 55, 1987);
+//! - the noise of the tare's mean, from the scatter of its frames, with their autocorrelation
+//!   (Newey & West, Econometrica 55, 1987);
 //! - the noise of the window's mean, from the same noise over its frames;
-//! - the error of the model, such as play in the springs. It does not average out over a window, and is taken
-//!   as the same share of any load, `(1 − R²)·(1 − σ²/S)·F²`: the training data's unexplained variance S
-//!   without the noise σ² of a frame.
+//! - the error of the model, such as play in the springs. It does not average out over a window,
+//!   and is the same share of any load, `(1 − R²)·(1 − σ²/S)·F²`: the training data's unexplained
+//!   variance S without the noise σ² of a frame.
 //!
-//! Without a tare, the residual variance of the calibration replaces the noise. For a physics model, the
-//! error of the coefficients is part of the model error, which is taken from held-out loads.
+//! Without a tare, the residual variance of the calibration replaces the noise. The model error of
+//! a physics model, from held-out loads, includes the error of the coefficients.
 //!
-//! The first and the last part come from the calibration and are common to all trials: they do not average
-//! out over trials, and cancel in a difference as far as loads agree. They are kept as a vector; means and
-//! differences are computed from the vector before its length.
+//! The first and the last part come from the calibration and are common to all trials: they do not
+//! average out over trials, and cancel in a difference as far as loads agree. Means and differences
+//! are therefore computed from a vector of components before its length.
 //!
-//! The interval is Student's t with the Welch-Satterthwaite degrees of freedom. The coefficients have far
-//! fewer than groups if few groups have large loads
+//! The interval is Student's t with the Welch-Satterthwaite degrees of freedom. The coefficients
+//! have far fewer than groups if few groups have large loads
 //! ([`Covariance::degrees_of_combination`]).
 
 use super::input::TrialInput;
@@ -30,22 +31,20 @@ use calibration::uncertainty::{CoefficientCovariance, Covariance, student_quanti
 use calibration::{Kind, Polynomial};
 use shell_data::wrench::{Axis, PerAxis};
 
-/// The confidence level of intervals.
 const LEVEL: f64 = 0.95;
 
-/// The uncertainty of the mean forces of a trial, along Fx and Fz.
+/// Uncertainty of the mean Fx and Fz of a trial.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ForceUncertainty {
     /// Half the widths of 95 % intervals, N.
     pub half_widths: PerAxis<f64>,
-    /// The error of the means due to the calibration: components along directions common to all trials, each
-    /// one standard deviation, N.
+    /// Error of the means due to the calibration: components along directions common to all trials,
+    /// each one standard deviation, N.
     pub shared: PerAxis<Vec<f64>>,
-    /// The degrees of freedom of that error.
     pub degrees_of_freedom: PerAxis<f64>,
 }
 
-/// The uncertainty of the means of `forces` over `span`; `None` if the calibration does not provide it.
+/// `None` if the calibration does not provide it.
 pub(super) fn of_means(
     input: &TrialInput<'_>,
     forces: &TrialForces,
@@ -69,8 +68,9 @@ pub(super) fn of_means(
             of_polynomial(covariance, &difference)
         }
         Kind::Physics(physics) => {
-            // The model's error of a frame covers any load and mounting, and a tare removes most of it. The
-            // remainder grows with the load: it is the share that held-out loads leave unexplained.
+            // The model's error of a frame covers any load and mounting, and a tare removes most of
+            // it. The remainder grows with the load: the share that held-out loads leave
+            // unexplained.
             input.options.unexplained?;
             let groups = physics.intervals.as_ref().map_or(0, |of| of.groups);
             let degrees = groups.saturating_sub(1).max(1) as f64;
@@ -115,17 +115,15 @@ pub(super) fn of_means(
 }
 
 struct ModelErrors {
-    /// The variance of the error of a frame, squares of N.
+    /// Variance of a frame, N².
     of_frame: PerAxis<f64>,
     /// As in [`ForceUncertainty::shared`].
     shared: PerAxis<Vec<f64>>,
-    /// The degrees of freedom of `of_frame`.
     frame_degrees: f64,
-    /// The degrees of freedom of `shared`.
     degrees_of_freedom: PerAxis<f64>,
 }
 
-/// The errors due to coefficients, at the mean features of a window minus those of its tare.
+/// Errors due to coefficients, at the mean features of a window minus those of its tare.
 fn of_polynomial(covariance: &Covariance, difference: &[f64]) -> ModelErrors {
     let of_frame = std::array::from_fn(|axis| covariance.residual[axis][axis]);
     let shared = std::array::from_fn(|axis| match &covariance.coefficients {
@@ -165,13 +163,12 @@ fn mean_features(polynomial: &Polynomial, frames: &[Vec<f64>], shares: &[f64]) -
     mean
 }
 
-/// The elements of `factorᵀ·x`.
 fn products<'a>(factor: &'a [Vec<f64>], x: &'a [f64]) -> impl Iterator<Item = f64> + 'a {
     factor.iter().map(move |column| column.iter().zip(x).map(|(f, x)| f * x).sum())
 }
 
-/// The variance of the values `x`, two or more, and that of their mean, times their number. It uses
-/// Bartlett's weights up to the cube root of the number, and is never less than for uncorrelated values.
+/// Variance of two or more values, and that of their mean, times their number. It uses Bartlett's
+/// weights up to the cube root of the number, and is never less than for uncorrelated values.
 fn variances(x: &[f64]) -> [f64; 2] {
     let n = x.len() as f64;
     let mean = x.iter().sum::<f64>() / n;
@@ -185,7 +182,7 @@ fn variances(x: &[f64]) -> [f64; 2] {
     [own, own + (1..=lags.min(x.len() - 1)).map(weighed).sum::<f64>().max(0.0)]
 }
 
-/// Half the width of the interval from variances with their degrees of freedom.
+/// Half width of the interval, from variances with their degrees of freedom.
 fn half_width(parts: &[(f64, f64)]) -> f64 {
     let variance: f64 = parts.iter().map(|part| part.0).sum();
     if variance <= 0.0 {
@@ -201,7 +198,7 @@ mod tests {
     use super::*;
     use shell_data::random::{Purpose, RandomStream};
 
-    /// An autoregressive signal, whose variance of the mean is `σ²/(1 − φ)²/n` for long signals.
+    /// The variance of the mean of a long autoregressive signal is `σ²/(1 − φ)²/n`.
     #[test]
     fn the_variance_of_a_mean_allows_for_correlation_of_neighbours() {
         let mut stream = RandomStream::new(5, Purpose::Readings, 0);
@@ -218,8 +215,8 @@ mod tests {
                 found += variances(&x)[1] / 200.0;
             }
             let expected = 1.0 / (1.0 - phi) / (1.0 - phi);
-            // Bartlett's weights up to lag 7 miss 1 − 2.50/3 in the second case; white noise is never
-            // underestimated.
+            // Bartlett's weights up to lag 7 miss 1 − 2.50/3 in the second case; white noise is
+            // never underestimated.
             assert!((share..1.12).contains(&(found / expected)), "{phi}: {}", found / expected);
         }
     }

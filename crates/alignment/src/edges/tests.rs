@@ -5,7 +5,7 @@ use system_tests::random::Random;
 
 const PERIOD_S: f64 = 1e-3;
 
-/// Times of edges with gaps `gap(i)`, s, on the board's clock.
+/// Times of edges with gaps `gap(i)`, s.
 fn times(count: usize, mut gap: impl FnMut(usize) -> f64) -> Vec<f64> {
     let mut at = 3.0;
     (0..count)
@@ -16,7 +16,7 @@ fn times(count: usize, mut gap: impl FnMut(usize) -> f64) -> Vec<f64> {
         .collect()
 }
 
-/// The edges in a reference that samples every ms: the middle between two of its samples.
+/// Edges in a reference that samples every ms: in the middle between two samples.
 fn seen(board_s: &[f64], offset_s: f64, skew: f64) -> Vec<f64> {
     let at = |t: &f64| t + offset_s + skew * t;
     board_s.iter().map(|t| ((at(t) / PERIOD_S).floor() + 0.5) * PERIOD_S).collect()
@@ -26,7 +26,7 @@ fn edges(reference_s: Vec<f64>, board_s: Vec<f64>) -> Edges {
     Edges { reference_s, board_s, resolution_s: PERIOD_S }
 }
 
-/// Errors divided by their stated standard errors, of the offset at the pivot and of the skew.
+/// Errors of the offset at the pivot and of the skew, in stated standard errors.
 fn scores(clock: &ClockMap, offset_s: f64, skew: f64) -> [f64; 2] {
     let truth_s = offset_s + skew * clock.pivot_s;
     [(clock.offset_s - truth_s) / clock.offset_se_s, (clock.skew - skew) / clock.skew_se]
@@ -62,8 +62,7 @@ fn missing_and_extra_edges_are_left_unpaired() {
         let all = times(12, |_| 2.0 + 8.0 * random.unit());
         let mut reference = seen(&all, offset_s, skew);
         let mut board = all.clone();
-        // Two edges of the reference are missing, and one of the board's; both sides have bounces and stray
-        // edges.
+        // Both sides have bounces and stray edges, and miss edges.
         reference.remove(random.next() as usize % 12);
         reference.remove(random.next() as usize % 11);
         board.remove(random.next() as usize % 12);
@@ -80,8 +79,8 @@ fn missing_and_extra_edges_are_left_unpaired() {
     }
     // A bounce mistaken for its edge shows as an outlying pair; no pair is far off.
     assert!(worst < 5.0, "{worst}");
-    // Errors do not exceed the stated ones: the RMS of 400 scores is at most 1 to within 4 of its standard
-    // deviations. They are smaller by up to a half, as ten edges do not show how large their common error is.
+    // The RMS of 400 scores is at most 1 to within 4 of its standard deviations. It is smaller by
+    // up to a half, as ten edges do not show how large their common error is.
     for sum in squares {
         let rms = (sum / f64::from(sessions)).sqrt();
         let most = 1.0 + 4.0 / (2.0 * f64::from(sessions)).sqrt();

@@ -21,7 +21,6 @@ pub(super) struct OfLoad {
     pub(super) rows: Vec<Row>,
 }
 
-/// A reading under a load.
 pub(super) struct Row {
     pub(super) residual: f64,
     pub(super) slope: f64,
@@ -94,7 +93,7 @@ impl LoadEquations {
             let mut curvature = load.curvature;
             (0..OWN).for_each(|k| curvature[k][k] *= more);
             let factor = Cholesky::new(&curvature)?;
-            // With h = L·Lᵀ: L⁻¹·coupling, whose squares the elimination of the load subtracts from the
+            // With h = L·Lᵀ: L⁻¹·coupling; elimination of the load subtracts its squares from the
             // border.
             let mut taken: [Vec<f64>; OWN] = std::array::from_fn(|_| vec![0.0; border.size]);
             let mut following = taken.clone();

@@ -2,8 +2,8 @@
 
 use shell_data::wrench::{LoadErrors, PerAxis, cross, force_at};
 
-/// Number of deviations of a load, in stated errors: one of its size, two of its direction, three of its
-/// lever.
+/// Number of deviations of a load, in stated errors: one of its size, two of its direction, three
+/// of its lever.
 pub(super) const OWN: usize = 6;
 
 /// Number of components of a mounting's lever offset.
@@ -22,7 +22,7 @@ pub enum StatedLoad {
         direction: [f64; 3],
         /// Point of action, from the sensor's origin, m.
         point_m: [f64; 3],
-        /// Stated errors of these.
+        /// Mounting, if a lever offset is fitted for it.
         errors: LoadErrors,
         /// Index of its mounting, if a lever offset is fitted for it.
         mounting: Option<usize>,
@@ -52,7 +52,6 @@ impl LoadQuantity {
         }
     }
 
-    /// Length of this quantity's deviation, in stated errors.
     pub(super) fn length(self, own: &[f64; OWN]) -> f64 {
         own[self.positions()].iter().map(|x| x * x).sum::<f64>().sqrt()
     }
@@ -90,7 +89,7 @@ impl StatedLoad {
         squares.map(f64::sqrt)
     }
 
-    /// Wrench and direction with these deviations, in stated errors, and this offset of the mounting, m.
+    /// Wrench and direction with these deviations (stated errors) and offset of the mounting (m).
     pub(super) fn deviated(
         &self,
         own: &[f64; OWN],

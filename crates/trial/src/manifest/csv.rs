@@ -53,7 +53,6 @@ pub(super) fn parse(text: &str) -> Result<Manifest, ManifestProblem> {
     keys.map(|_| manifest).ok_or_else(empty)
 }
 
-/// The key of each column.
 fn header(
     record: &StringRecord,
     lexed: &Lexed,
@@ -96,14 +95,13 @@ fn row(
     Entry::new(lexed.field(0), cells.collect())
 }
 
-/// The positions of the fields of a record.
 struct Lexed {
     line: usize,
     columns: Vec<usize>,
 }
 
 impl Lexed {
-    /// Locates the record at or after the byte `start`.
+    /// Locates the record at or after byte `start`.
     fn new(text: &str, start: usize, separator: u8) -> Self {
         // The reader's position is where it continued, which may be a blank line or a comment.
         let mut start = start;
@@ -129,7 +127,7 @@ impl Lexed {
         Self { line, columns }
     }
 
-    /// The start of field `i`; that of the last field if there is no such field.
+    /// Start of field `i`, or of the last field if there is no such field.
     fn field(&self, i: usize) -> CellPosition {
         let last = self.columns.last().copied().unwrap_or(1);
         CellPosition { line: self.line, column: self.columns.get(i).copied().unwrap_or(last) }

@@ -7,8 +7,8 @@
 //! logs/run3.txt,2 cm,3.1,6.0,,,,fell over,yes
 //! ```
 //!
-//! Only the first four columns are required. The TOML form has a table `[[trial]]` for each trial, with the
-//! same keys, and optionally `conditions = ["free", "3 cm"]`, which then lists all allowed conditions.
+//! Only the first four columns are required. TOML has a table `[[trial]]` for each trial, with the
+//! same keys; optional `conditions = ["free", "3 cm"]` lists all allowed conditions.
 
 mod csv;
 mod faults;
@@ -31,15 +31,14 @@ pub struct Manifest {
     pub conditions: Option<Vec<String>>,
 }
 
-/// A trial as given in the manifest.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Entry {
     pub position: CellPosition,
-    /// The trial without its times; the log is relative to the manifest's folder.
+    /// Without its times; the log is relative to the manifest's folder.
     pub trial: Trial,
     pub file_position: CellPosition,
     pub condition_position: CellPosition,
-    /// Entry into the channel, s on the log's clock; `None` if it is to be found in the forces.
+    /// Entry into the channel, s on the log's clock; `None` to find it in the forces.
     pub enter: Placed<Option<f64>>,
     /// Exit from the channel, likewise.
     pub exit: Placed<Option<f64>>,
@@ -47,7 +46,7 @@ pub struct Entry {
     pub exclude: bool,
 }
 
-/// A line and a column of a manifest or a profile, from 1; columns in characters.
+/// A line and a column from 1; columns in characters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 pub struct CellPosition {
     pub line: usize,
@@ -71,7 +70,6 @@ impl fmt::Display for CellPosition {
     }
 }
 
-/// A problem at some position of a manifest, a profile or a table.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{position}: {message}")]
 pub struct ManifestProblem {
@@ -109,10 +107,9 @@ pub struct Placed<T> {
     pub position: CellPosition,
 }
 
-/// The cells of a trial by key.
 type Cells<'a> = BTreeMap<&'a str, Placed<String>>;
 
-/// The names of the columns or keys; the first four are required.
+/// Columns or keys; the first four are required.
 const KEYS: [&str; 9] = [
     "file",
     "condition",
@@ -137,7 +134,7 @@ impl Manifest {
     /// Reads a manifest: TOML if `is_toml`, otherwise CSV.
     ///
     /// # Errors
-    /// [`ManifestProblem`] if the manifest as a whole is invalid: not TOML, missing or unknown columns, no
+    /// [`ManifestProblem`] if the whole is invalid: not TOML, missing or unknown columns, no
     /// trials. A problem with one trial is in its row.
     pub fn parse(text: &str, is_toml: bool) -> Result<Self, ManifestProblem> {
         let manifest = if is_toml { Self::from_toml(text)? } else { csv::parse(text)? };
@@ -233,7 +230,7 @@ impl Entry {
 }
 
 impl Placed<String> {
-    /// Parses the value with `meaning`; the problem of an invalid text names what is `expected`.
+    /// Parses a value; `expected` goes into the problem of an invalid text.
     fn read<T>(
         &self,
         key: &str,
@@ -245,12 +242,10 @@ impl Placed<String> {
     }
 }
 
-/// One of several shares of consecutive rows, which together make up the whole.
+/// One of several shares of consecutive rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shard {
-    /// The number of this share, from 1.
     number: usize,
-    /// The number of shares.
     of: usize,
 }
 
@@ -258,18 +253,18 @@ impl Shard {
     /// The largest number of shares, so that their names sort by number.
     pub const MOST: usize = 99_999;
 
-    /// The share `number`, from 1; `None` if the number is out of range, or there are too many shares.
+    /// `None` if the number, from 1, is out of range, or there are too many shares.
     pub fn new(number: usize, of: usize) -> Option<Self> {
         (1 <= number && number <= of && of <= Self::MOST).then_some(Self { number, of })
     }
 
-    /// The part of this share in a number of rows; sizes differ by at most one row.
+    /// Rows of this share; sizes differ by at most one row.
     pub fn rows(self, rows: usize) -> Range<usize> {
         let end = |number: usize| (rows as u128 * number as u128 / self.of as u128) as usize;
         end(self.number - 1)..end(self.number)
     }
 
-    /// The name of this share's files, without an extension. Names sort in the order of the shares.
+    /// File name without extension. Names sort in the order of the shares.
     pub fn stem(self) -> String {
         format!("part-{:05}-of-{:05}", self.number, self.of)
     }
