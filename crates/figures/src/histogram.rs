@@ -1,31 +1,28 @@
 //! Histograms that find their own ranges: equal bins whose width doubles as the data spread.
 //!
-//! Bin `i` at exponent `k` covers `[i·2ᵏ, (i+1)·2ᵏ)`, so the bins of one exponent nest exactly in those of
-//! the next. The exponent is the smallest at which the range seen so far fits into the available bins: it
-//! depends on that range alone, not on the order of the data.
+//! Bin `i` at exponent `k` covers `[i·2ᵏ, (i+1)·2ᵏ)`, so bins nest exactly in those of the next
+//! exponent. The exponent is the smallest that fits the range seen so far, whatever the order of
+//! the data.
 
 use std::array;
 
 use super::axes::ValueRange;
 
-/// A window of bins over the real line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Bins {
     /// Bins are 2^exponent wide.
     pub(super) exponent: i32,
-    /// Index of the first bin of the window.
     pub(super) first: i64,
-    /// Number of bins in the window.
     pub(super) count: usize,
 }
 
-/// The limit below which indices stay exact integers in `f64`.
+/// Smaller indices are exact in `f64`.
 const LARGEST_INDEX: f64 = (1u64 << 52) as f64;
-/// Below this exponent a scale factor would leave the range of `f64`.
+/// Below it a scale factor would leave the range of `f64`.
 const SMALLEST_EXPONENT: i32 = -1000;
 
 impl Bins {
-    /// The window of `count` bins centred on a finite range, with bins at least `2^exponent` wide.
+    /// `count` bins about a finite range, at least `2^exponent` wide.
     fn around(exponent: i32, ValueRange { low, high }: ValueRange, count: usize) -> Self {
         // An exponent that is certainly too small, but near enough to try the next few.
         let width = (high / count as f64 - low / count as f64)
@@ -43,8 +40,7 @@ impl Bins {
         }
     }
 
-    /// A window that contains a finite range: this one if possible, otherwise one with the same or wider
-    /// bins.
+    /// This window if it contains the range, otherwise one with the same or wider bins.
     fn widened(self, range: ValueRange) -> Self {
         match self.contains(range.low) && self.contains(range.high) {
             true => self,
@@ -52,19 +48,18 @@ impl Bins {
         }
     }
 
-    /// Returns true if a value lies in the window.
     fn contains(&self, value: f64) -> bool {
         let offset = floor_index(value, self.exponent) - self.first as f64;
         offset >= 0.0 && offset < self.count as f64
     }
 
-    /// A function from a value in the window to its bin's position.
+    /// Returns a function from a value in the window to its bin.
     pub(super) fn locator(&self) -> impl Fn(f64) -> usize + use<> {
         let (scale, first) = (2f64.powi(-self.exponent), self.first as f64);
         move |value| ((value * scale).floor() - first) as usize
     }
 
-    /// The position in this window of bin `position` of `other`, which has equal or finer bins.
+    /// Position in this window of a bin of `other`, which has equal or finer bins.
     fn position_of(&self, other: &Self, position: usize) -> usize {
         let index = (other.first + position as i64) >> (self.exponent - other.exponent).min(63);
         (index - self.first) as usize
@@ -76,7 +71,7 @@ impl Bins {
         ValueRange { low, high }
     }
 
-    /// Merges 2^`doublings` bins each, with the narrowest possible window.
+    /// Merges 2^`doublings` bins each, in the narrowest possible window.
     pub(super) fn coarsened(&self, doublings: u32) -> Self {
         let first = self.first >> doublings;
         let last = (self.first + self.count as i64 - 1) >> doublings;
@@ -90,13 +85,12 @@ impl Bins {
 pub(super) struct Grid<C, const N: usize> {
     pub(super) bins: [Bins; N],
     pub(super) ranges: [ValueRange; N],
-    /// In sequence, the first dimension fastest.
+    /// The first dimension is fastest.
     pub(super) cells: Vec<C>,
 }
 
-/// The summary of the points in a cell; the default is empty.
+/// Summary of the points in a cell; the default is empty.
 pub(super) trait Cell: Clone + Default + PartialEq {
-    /// Adds the summary of later points.
     fn absorb(&mut self, later: &Self);
 }
 
@@ -106,7 +100,7 @@ impl<C: Cell, const N: usize> Grid<C, N> {
         Self { bins, ranges, cells: vec![C::default(); count] }
     }
 
-    /// Extends a grid to cover finite ranges in addition to its own, with `counts` bins.
+    /// Extends a grid to cover these finite ranges too, with `counts` bins.
     pub(super) fn cover(
         grid: &mut Option<Self>,
         ranges: [ValueRange; N],
@@ -132,7 +126,7 @@ impl<C: Cell, const N: usize> Grid<C, N> {
         grid.insert(covering)
     }
 
-    /// Adds the cells of a grid with equal or finer cells inside this one's range.
+    /// Adds a grid of equal or finer cells inside this one's range.
     pub(super) fn absorb(&mut self, finer: &Self) {
         let nothing = C::default();
         for (index, cell) in finer.cells.iter().enumerate().filter(|(_, cell)| **cell != nothing) {
@@ -150,12 +144,10 @@ fn floor_index(value: f64, exponent: i32) -> f64 {
     (value * 2f64.powi(-exponent)).floor()
 }
 
-/// Counts of points (x, y) in at most `X` by `Y` equal rectangular cells.
-///
-/// The number of cells is fixed, however many points are added. Cell widths are powers of two, and double
-/// when a point falls outside, which moves whole cells into whole cells. The counts are therefore exact for
-/// the final cells, and independent of the order of points, blocks and merges. At least half of the bins of
-/// each axis span the data.
+/// Counts of points (x, y) in at most `X` by `Y` equal cells. Cell widths are powers of two, and
+/// double when a point falls outside, which moves whole cells into whole cells: counts are exact,
+/// and independent of the order of points, blocks and merges. At least half of the bins of each
+/// axis span the data.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Histogram2d<const X: usize, const Y: usize> {
     grid: Option<Grid<u64, 2>>,
@@ -168,7 +160,7 @@ impl Cell for u64 {
     }
 }
 
-/// One nonempty cell: its edges and its count.
+/// A nonempty cell.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct HistogramCell {
     pub(super) x: ValueRange,
@@ -177,7 +169,7 @@ pub(super) struct HistogramCell {
 }
 
 impl<const X: usize, const Y: usize> Histogram2d<X, Y> {
-    /// Counts the points (`x[i]`, `y[i]`); points that are not finite are skipped.
+    /// Counts the points (`x[i]`, `y[i]`); skips points that are not finite.
     ///
     /// # Panics
     /// If the slices differ in length.
@@ -207,12 +199,12 @@ impl<const X: usize, const Y: usize> Histogram2d<X, Y> {
         }
     }
 
-    /// The smallest and largest x and y; −1 to 1 while empty.
+    /// Smallest and largest x and y; −1 to 1 while empty.
     pub(super) fn ranges(&self) -> [ValueRange; 2] {
         self.grid.as_ref().map_or([ValueRange { low: -1.0, high: 1.0 }; 2], |grid| grid.ranges)
     }
 
-    /// The nonempty cells, row by row, merged 2^`doublings` by 2^`doublings`.
+    /// Nonempty cells, row by row, merged 2^`doublings` by 2^`doublings`.
     pub(super) fn cells(&self, doublings: [u32; 2]) -> Vec<HistogramCell> {
         let Some(grid) = &self.grid else { return Vec::new() };
         let bins = array::from_fn(|i| grid.bins[i].coarsened(doublings[i]));
@@ -225,7 +217,7 @@ impl<const X: usize, const Y: usize> Histogram2d<X, Y> {
         occupied.map(cell).collect()
     }
 
-    /// The counts over y alone: edges of each bin from the first to the last nonempty one.
+    /// Counts over y, from the first to the last nonempty bin.
     pub(super) fn marginal_y(&self) -> Vec<(ValueRange, u64)> {
         let Some(grid) = &self.grid else { return Vec::new() };
         let ([x, y], [_, range]) = (grid.bins, grid.ranges);

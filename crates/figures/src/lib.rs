@@ -1,13 +1,11 @@
 //! Figures: from data to a finished picture, as SVG text, PDF or PNG bytes.
 //!
-//! Data are added block by block to accumulators of fixed size ([`FitPlot`], [`WrenchTrace`]), so a picture
-//! of ten million rows takes the memory and the file size of one of ten thousand. Accumulators find their own
-//! ranges, and their content does not depend on the division of rows into blocks or the order of merging. The
-//! drawing is deterministic to the byte.
+//! Data are added block by block to accumulators of fixed size ([`FitPlot`], [`WrenchTrace`]), so
+//! ten million rows take no more memory than ten thousand. Their content does not depend on the
+//! division into blocks or the order of merging. The drawing is deterministic to the byte.
 //!
-//! This crate draws only the figures of this program: it is not a general plotting library, and accesses no
-//! files. Text in the SVG stays text (DejaVu Sans if the viewer has it, otherwise another sans-serif); for
-//! PDF and PNG the font is built in.
+//! This crate draws only the figures of this program and accesses no files. Text in the SVG stays
+//! text (DejaVu Sans or another sans-serif); PDF and PNG have the font built in.
 
 mod axes;
 mod canvas;
@@ -48,18 +46,16 @@ pub enum Format {
     Png,
 }
 
-/// A picture that cannot be rendered as requested.
 #[derive(Debug, thiserror::Error)]
 pub enum PlotError {
     #[error("cannot tell the picture format of `{}`: expected `.svg`, `.pdf` or `.png`", .0.display())]
     UnknownFormat(PathBuf),
-    /// The renderer refused the picture; the field is the reason.
     #[error("cannot render the picture: {0}")]
     Render(String),
 }
 
 impl Format {
-    /// The format named by the extension of `path`, in upper or lower case.
+    /// The format by the extension of `path`, in upper or lower case.
     ///
     /// # Errors
     /// [`PlotError::UnknownFormat`] if it is not `svg`, `pdf` or `png`.
@@ -75,7 +71,7 @@ impl Format {
 }
 
 impl Figure {
-    /// The picture as the content of a file.
+    /// The content of a file.
     ///
     /// # Errors
     /// [`PlotError::Render`] if the picture is too large to be drawn as pixels.
@@ -88,7 +84,7 @@ impl Figure {
     }
 }
 
-/// The content of a built-in asset, compressed by Zstandard.
+/// Decompresses a built-in asset (Zstandard).
 pub fn decompressed(asset: &[u8]) -> Vec<u8> {
     let mut content = Vec::new();
     let read = StreamingDecoder::new(asset).ok().map(|mut asset| asset.read_to_end(&mut content));

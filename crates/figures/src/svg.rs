@@ -43,7 +43,6 @@ impl Figure {
     }
 }
 
-/// The name of an element, and the attributes of its position.
 fn geometry(outline: &Outline) -> String {
     match outline {
         Outline::Path(path) => format!(r#"path d="{path}""#),

@@ -1,7 +1,5 @@
-//! Hints on how to fix an error: the flag, the file or the column.
-//!
-//! A hint is defined next to the error that it belongs to. An error that only wraps another returns the hint
-//! of that one.
+//! Hints on how to fix an error: the flag, the file or the column. A hint is defined next to its
+//! error; an error that only wraps another returns that one's hint.
 
 use std::error::Error;
 use std::fmt::Display;
@@ -31,7 +29,7 @@ pub fn quoted(names: impl IntoIterator<Item = impl Display>, between: &str) -> S
 pub const OTHER_CHANNELS: &str = "name the sensor columns of the log with `--sensors`, or use the calibration \
                                   of this sensor";
 
-/// Returns the known name that is most similar to `name`, if any is: for names that were mistyped.
+/// Returns the known name that is most similar to a mistyped one, if any is.
 pub fn suggest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let name = name.to_lowercase();
     let likeness = |known: &str| strsim::jaro_winkler(&name, &known.to_lowercase());

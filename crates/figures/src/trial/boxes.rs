@@ -8,18 +8,16 @@ use super::{
 use trial::{ConditionRow, Per, Quantity, Statistics};
 
 const HEIGHT: f64 = 150.0;
-/// Distance between the tops of two panels, without the labels below the boxes.
+/// Distance between the tops of two panels, without the labels.
 const PITCH: f64 = 185.0;
-/// Distance between lines of the key.
 const KEY_PITCH: f64 = 15.0;
 const FILL: Colour = Colour(0xd8e6f0);
-/// The maximum number of values of a condition that are drawn individually: quartiles of so few are not
-/// informative.
+/// Most values of a condition that are drawn as points: their quartiles say little.
 const MOST_POINTS: usize = 12;
 
-/// Draws a box for every condition, in the order of `rows`: quartiles and median, Tukey's whiskers, outliers
-/// as open circles, the mean as a diamond, up to twelve values as points. Left per trial, right per stride.
-/// Quantities without values are omitted.
+/// Draws a box per condition, in the order of `rows`: quartiles, median, Tukey's whiskers, outliers
+/// as open circles, the mean as a diamond, up to twelve values as points. Left per trial, right per
+/// stride; quantities without values are omitted.
 pub fn box_figure(size: Size, title: &str, rows: &[ConditionRow]) -> Figure {
     let of = |quantity: Quantity, per: Per| -> Vec<&ConditionRow> {
         rows.iter().filter(|row| row.quantity == quantity && row.per == per).collect()
@@ -57,7 +55,7 @@ pub fn box_figure(size: Size, title: &str, rows: &[ConditionRow]) -> Figure {
     canvas
 }
 
-/// Draws the key of the marks, in one line, or in two if it is too long.
+/// In one line, or in two if it is too long.
 fn draw_key(canvas: &mut Figure, y: f64, size: Size) {
     let left = LEFT_MARGIN + 8.0;
     canvas.text((left, y), "box: quartiles and median; whiskers: Tukey's, 1.5 IQR;", Style::START);
@@ -134,7 +132,7 @@ fn draw_box(canvas: &mut Figure, x: f64, half: f64, s: &Statistics, position: im
         canvas.ring((x, position(outlier)), 2.8, palette::INK);
     }
     if s.values.len() <= MOST_POINTS {
-        // Alternately left and right of the mean, so that two equal values are visible.
+        // Left and right of the mean in turn, so that equal values are visible.
         for (i, &value) in s.values.iter().enumerate() {
             let aside = if i % 2 == 0 { -0.5 } else { 0.5 };
             draw_point(canvas, x + aside * half, position(value));
