@@ -18,30 +18,28 @@ pub(crate) struct Arrays<'a, 'w> {
     pub(crate) readings: ArrayView2<'a, f64>,
     /// One row per sample, one to six columns, N and N·m; missing axes are zero.
     pub(crate) wrench: ArrayView2<'a, f64>,
-    /// The position of each row's label, and the labels.
+    /// Index of each row's label, and the labels.
     pub(crate) groups: Option<(ArrayView1<'a, u32>, &'a [String])>,
-    /// The time of each row, s.
     pub(crate) time: Option<ArrayView1<'a, f64>>,
-    /// Number of repetitions of each row, and the index of the original row for each repeated row.
+    /// Repetitions of each row, and the original row of each repeated row.
     pub(crate) repeats: Option<(ArrayView1<'a, u32>, Vec<usize>)>,
-    /// Weight of each row, if there are no repetitions.
+    /// If there are no repetitions.
     pub(crate) weights: Option<ArrayView1<'a, f64>>,
     pub(crate) watch: &'w Watch,
 }
 
-/// Returns the index of the original row for each repeated row.
+/// Original row of each repeated row.
 pub(crate) fn repeated(repeats: ArrayView1<'_, u32>) -> Vec<usize> {
     let rows = repeats.iter().enumerate();
     rows.flat_map(|(row, &times)| std::iter::repeat_n(row, times as usize)).collect()
 }
 
 impl Arrays<'_, '_> {
-    /// Number of rows.
     pub(crate) fn rows(&self) -> usize {
         self.repeats.as_ref().map_or(self.readings.nrows(), |(_, rows)| rows.len())
     }
 
-    /// Returns the rows as a data set. Without labels, and with `labels_all`, all rows get the same label.
+    /// Without labels, and with `labels_all`, all rows get the same label.
     pub(crate) fn dataset(&self, labels_all: bool) -> Result<Dataset, PythonFailure> {
         let rows = self.rows();
         let mut blocks = Vec::with_capacity(rows.div_ceil(BLOCK_ROWS));
@@ -93,10 +91,8 @@ impl Arrays<'_, '_> {
         }
     }
 
-    /// Returns a checksum that identifies the rows, as for a file.
     pub(crate) fn checksum(&self) -> String {
         let mut hash = XxHash3_128::new();
-        // Hashing a few bytes at a time is slow.
         let mut bytes = Vec::new();
         let rows = self.readings.nrows();
         for start in (0..rows).step_by(CHECKSUM_ROWS) {
@@ -117,10 +113,10 @@ impl Arrays<'_, '_> {
     }
 }
 
-/// Number of rows hashed at a time.
+/// Rows hashed at a time: hashing a few bytes at a time is slow.
 const CHECKSUM_ROWS: usize = 512;
 
-/// Copies consecutive rows of an array to columns, each contiguous in memory.
+/// Copies rows to columns, each contiguous in memory.
 pub(crate) fn range_of_columns(array: &ArrayView2<'_, f64>, rows: Range<usize>) -> Vec<Vec<f64>> {
     array.slice(s![rows, ..]).columns().into_iter().map(|column| column.to_vec()).collect()
 }

@@ -23,7 +23,7 @@ use crate::error::{PythonFailure, PythonMessage};
 use crate::interrupt::without_lock;
 use crate::options;
 
-/// A calibration with its origin, and the state of its memory terms after the frames converted one by one.
+/// A calibration with its origin, and the memory terms' state after frames converted one by one.
 #[pyclass(frozen, module = "shellcal._native")]
 pub(crate) struct Fitted(pub(crate) CalibrationFile, Mutex<Option<MemoryState>>);
 
@@ -34,11 +34,11 @@ impl From<CalibrationFile> for Fitted {
     }
 }
 
-/// The result of a prediction: the wrench, and standard errors if requested.
+/// The wrench, and standard errors if requested.
 type Predicted<'py> = (Bound<'py, PyArray2<f64>>, Option<Bound<'py, PyArray2<f64>>>);
 
-/// Arrays from Python: readings, wrench, position of each row's label with the labels, number of repetitions
-/// of each row, its weight, and its time.
+/// Readings, wrench, position of each row's label with the labels, number of repetitions, weight,
+/// and time.
 pub(crate) type RowArrays<'py> = (
     PyReadonlyArray2<'py, f64>,
     PyReadonlyArray2<'py, f64>,
@@ -48,7 +48,7 @@ pub(crate) type RowArrays<'py> = (
     Option<PyReadonlyArray1<'py, f64>>,
 );
 
-/// Creates the error for a calibration with memory terms that was applied without times.
+/// For a calibration with memory terms that was applied without times.
 fn no_time(error: NoTime) -> PythonMessage {
     let told = PythonMessage::new("OptionError", error.to_string());
     PythonMessage { hint: Some("give `time`, in s".to_owned()), ..told }
@@ -72,7 +72,7 @@ pub(crate) fn over_rows<T: Send>(
     })
 }
 
-/// Returns the source entry of a calibration fitted to arrays.
+/// Entry of a calibration fitted to arrays.
 pub(crate) fn source(rows: &Arrays<'_, '_>) -> SourceFile {
     SourceFile {
         role: Role::Train,
@@ -83,7 +83,7 @@ pub(crate) fn source(rows: &Arrays<'_, '_>) -> SourceFile {
     }
 }
 
-/// Fits a calibration. Returns it with the warnings, and the verdict.
+/// Fits a calibration. Returns it with the warnings and the verdict.
 #[pyfunction]
 #[pyo3(signature = (rows, *, model, intercept, ridge, solver, truncate, lag, memory_terms, cross_validation, seed,
     covariance, threads, made_by, serial, progress))]
@@ -168,7 +168,6 @@ pub(crate) fn fit(
 
 #[pymethods]
 impl Fitted {
-    /// Reads a calibration file.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf, edited: bool) -> Result<Self, PythonFailure> {
         py.detach(|| match edited {
@@ -177,7 +176,6 @@ impl Fitted {
         })
     }
 
-    /// Reads a document.
     #[staticmethod]
     fn parse(
         py: Python<'_>,
@@ -195,7 +193,6 @@ impl Fitted {
         })
     }
 
-    /// Returns the document.
     fn to_json(&self, py: Python<'_>) -> String {
         py.detach(|| self.0.to_json())
     }
@@ -224,8 +221,8 @@ impl Fitted {
         self.0.calibration.memory.is_some()
     }
 
-    /// Returns the wrench of every row, and its standard errors if requested. With memory terms, the rows
-    /// must be those of one recording, in order, at `time`.
+    /// Returns the wrench of every row, and its standard errors if requested. With memory terms,
+    /// the rows must be of one recording, in order, at `time`.
     fn predict<'py>(
         &self,
         py: Python<'py>,
@@ -335,7 +332,7 @@ impl Fitted {
     }
 }
 
-/// Copies columns into the rows of an array from `start` on.
+/// Copies columns into the rows of `out` from `start` on.
 fn copy(columns: &[Vec<f64>], start: usize, out: &mut Array2<f64>) {
     for (axis, column) in columns.iter().enumerate() {
         for (row, &value) in column.iter().enumerate() {

@@ -15,13 +15,13 @@ use shell_data::wrench::Axis;
 use crate::error::{PythonFailure, PythonMessage};
 use crate::interrupt::without_lock;
 
-/// The user's assignments of columns, by option name.
+/// Assigned columns, by option name.
 pub(crate) type OptionColumns = BTreeMap<String, String>;
 
-/// Rules for reading logs: columns, which bad rows to skip, threads.
+/// Columns, which bad rows to skip, threads.
 pub(crate) type ReadRules = (OptionColumns, String, usize);
 
-/// Converts the rule for invalid rows: none (empty), `few` or `all` are left out.
+/// `skipped`: none (empty), `few` or `all` invalid rows are left out.
 pub(crate) fn read_options(skipped: &str, threads: usize) -> ReadOptions<'static> {
     ReadOptions {
         threads,
@@ -31,14 +31,13 @@ pub(crate) fn read_options(skipped: &str, threads: usize) -> ReadOptions<'static
     }
 }
 
-/// Names and columns, the group of each row with the labels, numbers of skipped and repeated rows.
+/// Names and columns, the group of each row with the labels, skipped and repeated rows.
 type ReadArrays<'py> = (
     Vec<(String, Bound<'py, PyArray1<f64>>)>,
     Option<(Bound<'py, PyArray1<u32>>, Vec<String>)>,
     (String, u64, u64),
 );
 
-/// Reads a complete log.
 #[pyfunction]
 pub(crate) fn read_log<'py>(
     py: Python<'py>,
@@ -90,7 +89,6 @@ pub(crate) fn read_log<'py>(
     Ok((columns, groups, about))
 }
 
-/// Converts the user's assignments of columns.
 pub(crate) fn mapping(names: &OptionColumns) -> Result<Mapping, PythonFailure> {
     let mut mapping = Mapping::default();
     for (option, text) in names {

@@ -1,5 +1,5 @@
-//! A board at a serial port of the page. Input: its bytes, and the user's orders. Output: pictures, pieces of
-//! logs, and bytes to send. The page owns the port and the clock.
+//! A board at a serial port of the page, which owns the port and the clock. Input: bytes and the
+//! user's orders. Output: pictures, pieces of logs, and bytes to send.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
@@ -27,36 +27,33 @@ use crate::{Answer, Failure};
 /// The initial time span, s.
 const WINDOW_S: f64 = 10.0;
 
-/// The request that begins a connection.
 #[derive(Deserialize)]
 pub(crate) struct Begin {
     name: String,
     /// As for `--framing`; detected if `None`.
     framing: Option<String>,
-    /// True to start the board's stream.
+    /// Start the board's stream.
     starts: bool,
-    /// True to write a log from the first byte on.
+    /// Write a log from the first byte on.
     records: bool,
-    /// Number of logs of boards in the page so far, which their names count.
+    /// Logs of boards in the page so far, which their names count.
     logs: usize,
     calibration: Option<FileRef>,
-    /// Planned loads for the guide.
+    /// Loads for the guide.
     plan: Option<FileRef>,
 }
 
-/// Events since the previous turn; the received bytes are passed as its file.
 #[derive(Deserialize)]
 struct BoardEvents {
-    /// Time since the connection began, by a monotonic clock.
+    /// Since the connection began, by a monotonic clock.
     elapsed_ms: f64,
-    /// Time since then by the wall clock, which continues while a computer sleeps.
+    /// By the wall clock, which continues while a computer sleeps.
     arrival_ms: f64,
     order: Option<String>,
     draws: bool,
     ends: bool,
 }
 
-/// A connection with a board, recorded and displayed.
 pub struct BoardSession {
     recorder: Recorder,
     session: LiveSession,
@@ -65,7 +62,7 @@ pub struct BoardSession {
 }
 
 impl BoardSession {
-    /// Begins a connection as requested in JSON with `files`; the answer contains the first bytes to send.
+    /// Begins a connection; the answer contains the first bytes to send.
     pub fn begin(request: &[u8], files: &[Arc<[u8]>]) -> (Option<Self>, Answer) {
         let begin = || serde_json::from_slice::<Begin>(request)?.run(files);
         match begin() {
@@ -74,13 +71,13 @@ impl BoardSession {
         }
     }
 
-    /// Takes a turn as requested in JSON. The answer contains the bytes to send, a picture if requested, the
-    /// board's identity, and the names of completed logs; its files are pieces of logs, to be appended to the
-    /// log of that name. An error ends the connection: the board is told to stop, and the files keep the data
-    /// received before.
+    /// Takes a turn. The answer contains the bytes to send, a picture if requested, the board's
+    /// identity, and the names of completed logs; its files are pieces of logs, to be appended to
+    /// the log of that name. An error ends the connection: the board is told to stop, and the files
+    /// keep the data received before.
     pub fn turn(&mut self, request: &[u8], bytes: &[u8]) -> Answer {
         let mut document = self.take(request, bytes).unwrap_or_else(|failure| {
-            // Received data are kept; the first failure is the one reported.
+            // The first failure is the one reported.
             let _ = self.recorder.finish();
             let _ = self.recorder.close();
             let mut document = Answer::from(failure).document;
@@ -108,7 +105,7 @@ impl BoardSession {
         }
         if turn.ends {
             commands.extend(self.recorder.last_commands());
-            // Labels loads that were held until the end.
+            // Labels poses that lasted until the end.
             self.session.advance(elapsed, true).map_err(RecordError::from)?;
             self.recorder.finish()?;
             let recorded = self.recorder.recorded(elapsed);
@@ -167,7 +164,6 @@ fn protocol_named(name: &str) -> Result<Protocol, Failure> {
         .ok_or_else(|| format!("there is no framing `{name}`").into())
 }
 
-/// The address of all modules.
 const EVERYONE: u16 = 0xFFFF;
 
 fn in_words(identity: Identity) -> Value {
@@ -205,7 +201,7 @@ impl PageLogs {
         Box::new(PageLog { path, is_empty: true, logs })
     }
 
-    /// Creates a log after `made` others.
+    /// After `made` others.
     fn numbered(&self, made: usize) -> Box<dyn LogSink> {
         self.log(match made {
             0 => "board.csv".to_owned(),

@@ -30,7 +30,7 @@ pub(crate) struct FitRequest {
     /// As for `--cv`.
     #[serde(default)]
     hold_out: Option<String>,
-    /// The current time in UTC, RFC 3339 to the second.
+    /// UTC, RFC 3339 to the second.
     date: String,
 }
 
@@ -86,7 +86,6 @@ impl FitRequest {
         })
     }
 
-    /// Returns the training and the test logs.
     fn logs(&self, files: &[Arc<[u8]>], mapping: &Mapping) -> Result<[Vec<Log>; 2], Failure> {
         let open = |logs: &[FileRef]| {
             let logs = logs.iter().map(|log| log.log(files, mapping));
@@ -97,7 +96,7 @@ impl FitRequest {
         Ok([train, test])
     }
 
-    /// Returns the reason why a fit failed, with the names of its files if their rows are the reason.
+    /// Names the files if their rows are the reason.
     fn failure(&self, error: FitError) -> Failure {
         let is_about_rows = error.is_about_rows();
         let failure = Failure::from(WorkflowError::from(error));
@@ -107,7 +106,7 @@ impl FitRequest {
         }
     }
 
-    /// Returns the equivalent command line, without assigned columns.
+    /// Equivalent command line, without assigned columns.
     fn command(&self) -> String {
         let names = |files: &[FileRef]| -> String {
             files.iter().map(|file| format!(" '{}'", file.name.replace('\'', r"'\''"))).collect()

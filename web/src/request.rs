@@ -11,11 +11,10 @@ use shell_data::wrench::PerAxis;
 
 use crate::Failure;
 
-/// A file that the page holds.
 #[derive(Deserialize)]
 pub(crate) struct FileRef {
     pub(crate) name: String,
-    /// Its position among the files of the request, from 0.
+    /// Among the files of the request, from 0.
     file: usize,
 }
 
@@ -25,7 +24,7 @@ impl FileRef {
         files.get(self.file).cloned().ok_or_else(|| missing().into())
     }
 
-    /// Parses the file with `parse`; an error contains the file's name.
+    /// Parses the file; an error contains its name.
     pub(crate) fn parsed<T, E: Error>(
         &self,
         files: &[Arc<[u8]>],
@@ -44,7 +43,7 @@ impl FileRef {
     }
 }
 
-/// The user's assignments of columns, by position from 1; `None` is detected.
+/// Positions from 1; `None` is detected.
 #[derive(Default, Deserialize)]
 #[serde(default)]
 pub(crate) struct ColumnsGiven {

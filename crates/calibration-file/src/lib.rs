@@ -1,7 +1,7 @@
 //! Calibrations as files: a JSON document, and the coefficient matrices that labs exchange.
 //!
-//! The document holds everything needed to apply a calibration, to judge it and to reproduce it. Numbers are
-//! written with the fewest digits that read back as the same `f64`.
+//! The document holds everything needed to apply a calibration, to judge it and to reproduce it.
+//! Numbers are written with the fewest digits that read back as the same `f64`.
 //!
 //! | field | content |
 //! |---|---|
@@ -29,7 +29,6 @@
 
 #![allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "reads files")]
 
-/// Returns an error with this text unless a condition holds.
 macro_rules! ensure {
     ($holds:expr, $($text:tt)+) => {
         let holds: bool = $holds;
@@ -66,16 +65,16 @@ use calibration::{Calibration, Kind};
 use input::DocumentKind;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// The version of the documents that this program writes: any model, with a checksum.
+/// Version that this program writes: any model, with a checksum.
 pub const SCHEMA_VERSION: u64 = 4;
 
-/// The last version of six-axis polynomial documents without a checksum.
+/// Last version of six-axis polynomials without a checksum.
 pub(crate) const SIX_AXES_SCHEMA_VERSION: u64 = 1;
 
-/// The last version of physics model documents without a checksum.
+/// Last version of physics models without a checksum.
 pub(crate) const PHYSICS_SCHEMA_VERSION: u64 = 2;
 
-/// The last version without a checksum of polynomial documents with fewer than six axes.
+/// Last version of polynomials with fewer than six axes without a checksum.
 pub(crate) const FEWER_AXES_SCHEMA_VERSION: u64 = 3;
 
 #[derive(Clone, Debug, PartialEq)]
@@ -115,46 +114,34 @@ impl Hint for CalibrationFileError {
     }
 }
 
-/// The reason why a calibration file cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum Problem {
-    /// It cannot be read.
     #[error("cannot read it: {0}")]
     Io(io::Error),
-    /// It is not JSON, or a number does not fit into an `f64`.
     #[error("line {}, column {}: not valid JSON: {}", .0.line, .0.column, .0.message)]
     NotJson(JsonFault),
-    /// A field is missing or of another type.
     #[error("line {}, column {}: not a calibration: {}", .0.line, .0.column, .0.message)]
     Field(JsonFault),
-    /// A version that this program does not know.
     #[error("its schema version is `{found}`, this program reads up to `{SCHEMA_VERSION}`")]
     SchemaVersion { found: u64 },
-    /// Parts that are inconsistent with each other.
     #[error("{0}")]
     Inconsistent(String),
-    /// The checksum does not match: the file was damaged or edited.
     #[error("it is not what was written: {0}")]
     Checksum(&'static str),
-    /// The version predates checksums, or was edited to claim so.
+    /// Predates checksums, or was edited to claim so.
     #[error("version `{version}` has no checksum, so damage cannot be detected")]
     Unsealed { version: u64 },
-    /// Values that no calibration has.
     #[error("it cannot be a calibration: {0}")]
     Implausible(Implausible),
-    /// An invalid coefficient matrix.
     #[error("{0}")]
     Matrix(matrix::MatrixError),
 }
 
-/// An error in a JSON document, with its position.
 #[derive(Debug)]
 pub struct JsonFault {
-    /// Line, from 1.
     pub line: usize,
-    /// Column, from 1.
     pub column: usize,
-    /// The parser's message; for a field, its name and the expected type.
+    /// For a field, its name and the expected type.
     pub message: String,
 }
 
@@ -167,7 +154,6 @@ impl From<&serde_json::Error> for JsonFault {
 }
 
 impl Problem {
-    /// Shifts the position by the number of lines before the document.
     fn after_lines(mut self, before: usize) -> Self {
         if let Self::NotJson(fault) | Self::Field(fault) = &mut self {
             fault.line += before;
@@ -183,19 +169,19 @@ impl From<serde_json::Error> for Problem {
     }
 }
 
-/// The fields of a document that are read first.
+/// Fields that are read first.
 #[derive(Deserialize)]
 struct DocumentHeader {
     schema_version: u64,
-    /// The name of a model, or the features of a polynomial.
+    /// Name of a model, or features of a polynomial.
     model: Option<serde_json::Value>,
-    /// Present if the document has a checksum.
+    /// Present with a checksum.
     checksum: Option<IgnoredAny>,
 }
 
 impl CalibrationFile {
-    /// The unexplained share of the loads' variance, 1 − R² per axis, if known. It is computed from the
-    /// training loads, or for a physics model from held-out loads.
+    /// Unexplained share of the loads' variance, 1 − R² per axis, if known: of the training loads,
+    /// or for a physics model of held-out loads.
     pub fn unexplained(&self) -> Option<PerAxis<f64>> {
         let diagnostics = self.origin.diagnostics.as_ref()?;
         let train = diagnostics.train;
@@ -213,10 +199,7 @@ impl CalibrationFile {
         known.then(|| std::array::from_fn(share))
     }
 
-    /// Reads the JSON document at `path`.
-    ///
-    /// # Errors
-    /// [`CalibrationFileError`] if it cannot be read, or as [`Self::parse`].
+    /// [`CalibrationFileError`] if the file at `path` cannot be read, or as [`Self::parse`].
     pub fn read(path: &Path) -> Result<Self, CalibrationFileError> {
         input::document(path, DocumentKind::Json, Self::parse)
     }
@@ -265,7 +248,7 @@ impl CalibrationFile {
         Ok(file)
     }
 
-    /// The largest absolute training load of each axis, N and N·m, if known.
+    /// Largest absolute training load of each axis, N and N·m, if known.
     pub fn largest_loads(&self) -> Option<PerAxis<f64>> {
         let excitation = self.origin.diagnostics.as_ref()?.excitation.as_ref()?;
         Some(excitation.largest_loads())
@@ -278,9 +261,9 @@ impl CalibrationFile {
         })
     }
 
-    /// Imports a calibration from the coefficient matrix at `path`: CSV, a calibration of ATI, or MATLAB 5,
-    /// as the beginning of the file shows. `options` supplies the information that the file lacks. The origin
-    /// names the file and is otherwise empty.
+    /// Imports the coefficient matrix at `path`: CSV, a calibration of ATI, or MATLAB 5, as the
+    /// beginning of the file shows. `options` supplies the information that the file lacks. The
+    /// origin names the file only.
     ///
     /// # Errors
     /// [`CalibrationFileError`] if the file cannot be read or is not such a matrix.

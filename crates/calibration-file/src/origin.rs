@@ -19,13 +19,12 @@ pub struct Origin {
     /// Date and time, UTC, RFC 3339.
     pub date: String,
     pub sensor_serial: Option<String>,
-    /// The solver; `None` for an imported matrix.
+    /// `None` for an imported matrix.
     pub solver: Option<SolverRecord>,
-    /// The quality of the fit; `None` for an imported matrix.
+    /// `None` for an imported matrix.
     pub diagnostics: Option<Diagnostics>,
-    /// The files that the calibration was made from.
     pub sources: Vec<SourceFile>,
-    /// The roles of their columns, if these were specified.
+    /// If specified.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub columns: Option<ColumnNames>,
 }
@@ -35,12 +34,11 @@ pub struct SolverRecord {
     pub name: SolverKind,
     /// The ridge parameter, 0 for none.
     pub ridge: f64,
-    /// Directions with a singular value below this share of the largest are omitted.
+    /// Directions with a smaller singular value, as a share of the largest, are omitted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub truncate: Option<f64>,
 }
 
-/// The quality of a fit.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Diagnostics {
     pub rows: u64,
@@ -59,42 +57,39 @@ pub struct Diagnostics {
     pub cross_validation: Option<CrossValidation>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub selection: Option<Selection>,
-    /// How well the training loads cover the six axes.
+    /// How well the training loads cover the axes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub excitation: Option<Excitation>,
-    /// The share of test rows at poses of the training data, if so many that the test cannot assess new
+    /// Share of test rows at poses of the training data, if so many that the test cannot assess new
     /// poses.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub test_leak: Option<f64>,
-    /// The share of training rows whose pose also occurs in other groups, if so many that held-out groups
-    /// cannot assess new poses.
+    /// Share of training rows whose pose occurs in other groups too, if so many that held-out
+    /// groups cannot assess new poses.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub group_leak: Option<f64>,
 }
 
-/// A file that a calibration was made from.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SourceFile {
     pub role: Role,
-    /// The path as it was given.
     #[serde(serialize_with = "as_unicode")]
     pub path: PathBuf,
     /// The checksum from `log_file::checksum`.
     pub checksum: Option<String>,
-    /// The identity of the rows, as written by [`Fingerprint`](shell_data::fingerprint::Fingerprint). It
-    /// covers the parsed values, whatever the format of the file.
+    /// Identity of the parsed rows in any file format, by
+    /// [`Fingerprint`](shell_data::fingerprint::Fingerprint).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub digest: Option<String>,
     pub rows: u64,
 }
 
-/// The role of a source file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Role {
     Train,
     Test,
-    /// The wrench for the previous source, row by row.
+    /// Wrench for the previous source, row by row.
     Wrench,
     /// An imported coefficient matrix.
     Matrix,
@@ -102,7 +97,7 @@ pub enum Role {
     Calibration,
 }
 
-/// Serializes a path. Characters that are not Unicode, which JSON cannot hold, are replaced.
+/// Replaces characters that are not Unicode, which JSON cannot hold.
 pub(crate) fn as_unicode<S: Serializer>(path: &Path, serializer: S) -> Result<S::Ok, S::Error> {
     serializer.serialize_str(&path.to_string_lossy())
 }

@@ -39,28 +39,26 @@ impl Column {
         Self { name: name.to_owned(), class, cells }
     }
 
-    /// A column of names.
     pub(super) fn text(name: &str, cells: impl IntoIterator<Item: ToString>) -> Self {
         Self::new(name, "text", cells)
     }
 
-    /// A column of texts that may wrap.
+    /// Texts may wrap.
     pub(super) fn long(name: &str, cells: impl IntoIterator<Item: ToString>) -> Self {
         Self::new(name, "text long", cells)
     }
 
-    /// A column of formatted numbers.
     pub(super) fn numbers(name: &str, cells: impl IntoIterator<Item: ToString>) -> Self {
         Self::new(name, "", cells)
     }
 
-    /// A column of numbers in four significant digits.
+    /// Numbers in four significant digits.
     pub(super) fn figures(name: &str, values: impl IntoIterator<Item: Into<Option<f64>>>) -> Self {
         Self::numbers(name, values.into_iter().map(figure))
     }
 }
 
-/// A table of columns of equal length, in a box that scrolls on narrow screens.
+/// In a box that scrolls on narrow screens.
 pub(super) fn table(caption: &str, columns: &[Column]) -> String {
     let caption = escape(caption);
     let rows = columns.first().map_or(0, |column| column.cells.len());
@@ -94,7 +92,6 @@ pub(super) fn facts_table<N: ToString>(caption: &str, facts: &[(N, String)]) -> 
     table(caption, &[Column::text("what", names), Column::long("value", values)])
 }
 
-/// The command line that reproduces a report.
 pub(super) fn reproduction(command: &str) -> String {
     format!("<pre><code>{}</code></pre>\n", escape(command))
 }
@@ -108,12 +105,12 @@ pub(super) fn plot_figure(id: &str, class: &str, alt: &str, caption: &str) -> St
     )
 }
 
-/// A finished picture. It has a white background on any page, and a scroll box if it is wider than the page.
+/// White on any page, with a scroll box if it is wider than the page.
 pub(super) fn drawing(id: &str, svg: &str, alt: &str, caption: &str) -> String {
     let (alt, caption) = (escape(alt), escape(caption));
-    // The root element gets the alternative text; HTML does not allow an XML declaration.
+    // The root element gets the alternative text; HTML allows no XML declaration.
     let svg = svg.find("<svg").map_or(svg, |start| &svg[start..]);
-    // Make the names of clip paths unique, as one page may have several drawings.
+    // Unique names of clip paths: a page may have several drawings.
     let svg = svg.replace("id=\"clip", &format!("id=\"{id}-clip"));
     let svg = svg.replace("url(#clip", &format!("url(#{id}-clip"));
     let svg = svg.replacen("<svg", &format!("<svg role=\"img\" aria-label=\"{alt}\""), 1);
@@ -123,7 +120,6 @@ pub(super) fn drawing(id: &str, svg: &str, alt: &str, caption: &str) -> String {
     )
 }
 
-/// A collapsed section with a title, for details.
 pub(super) fn folded(title: &str, content: &str) -> String {
     format!("<details>\n<summary>{}</summary>\n{content}</details>\n", escape(title))
 }
@@ -133,7 +129,6 @@ pub(super) fn capital(text: &str) -> String {
     letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())
 }
 
-/// The title and the origin of a report.
 #[derive(Clone, Copy, Debug)]
 pub struct Heading<'a> {
     pub title: &'a str,
@@ -141,23 +136,22 @@ pub struct Heading<'a> {
     pub made_by: &'a str,
     /// Date and time, UTC, RFC 3339.
     pub date: &'a str,
-    /// The command line that reproduces the report.
+    /// Command line that reproduces the report.
     pub command: &'a str,
 }
 
 impl Heading<'_> {
-    /// Program and date.
     pub(super) fn made(&self) -> String {
         format!("{}, {}.", self.made_by, self.date)
     }
 }
 
-/// A section of a report: its anchor, its heading, and HTML, which is empty for an omitted section.
+/// Anchor, heading, and HTML, which is empty for an omitted section.
 pub(super) type PageSection = (&'static str, &'static str, String);
 
-/// The content of a file with the text `subtitle` below its title. `script` contains the script elements and
-/// a fallback for pages without scripts. The file needs no network, and a content security policy forbids
-/// everything that it does not contain.
+/// Content of a file with `subtitle` below its title. `script` holds the script elements and a
+/// fallback for pages without scripts. A content security policy forbids everything that the file
+/// does not contain.
 pub(super) fn page(
     heading: Heading<'_>,
     subtitle: &str,

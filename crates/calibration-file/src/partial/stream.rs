@@ -8,13 +8,11 @@ use super::PartialFit;
 use crate::checksum::END;
 use crate::input::DocumentKind;
 
-/// An iterator over the partial fits of a stream.
 #[derive(Debug)]
 pub struct PartialStream<R> {
     reader: R,
-    /// The name of the stream in errors.
     name: PathBuf,
-    /// Number of lines before the next document.
+    /// Before the next document.
     lines: usize,
     document: Vec<u8>,
     has_failed: bool,
@@ -22,7 +20,7 @@ pub struct PartialStream<R> {
 }
 
 impl<R: BufRead> PartialStream<R> {
-    /// Reads from `reader`, which errors call `name`.
+    /// Errors call `reader` `name`.
     pub fn new(reader: R, name: impl Into<PathBuf>) -> Self {
         let (name, document) = (name.into(), Vec::new());
         Self { reader, name, lines: 0, document, has_failed: false, parse: PartialFit::parse }
@@ -37,12 +35,11 @@ impl<R: BufRead> PartialStream<R> {
         CalibrationFileError { path: self.name.clone(), problem }
     }
 
-    /// Reads the next whole document; returns false at the end of the stream.
+    /// Returns false at the end of the stream.
     fn read_document(&mut self) -> io::Result<bool> {
         self.document.clear();
         let mut rest = (&mut self.reader).take(DocumentKind::Json.budget() + 1);
         while rest.read_until(b'\n', &mut self.document)? > 0 {
-            // Skip blank lines between documents.
             if self.document.trim_ascii().is_empty() {
                 self.document.clear();
                 self.lines += 1;

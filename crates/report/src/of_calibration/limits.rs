@@ -6,13 +6,13 @@ use calibration::fit::FewGroups;
 use calibration::validation::cross_validation::CrossValidation;
 use shell_data::wrench::Axis;
 
-/// The condition number of the loads' correlation above which axes are poorly separated.
+/// Condition number of the loads' correlation above which axes are poorly separated.
 const POOR_CONDITION: f64 = 10.0;
 
-/// The share of test rows outside the range of the training data above which it is reported.
+/// Share of test rows outside the training range above which it is reported.
 const MUCH_OUTSIDE: f64 = 0.05;
 
-/// The limits as sentences, the most important first.
+/// Sentences, the most important first.
 pub(super) fn limits(report: &CalibrationReport<'_>) -> Vec<String> {
     let mut limits = Vec::new();
     let (fit, axes) = (report.fit, report.file.calibration.axes);

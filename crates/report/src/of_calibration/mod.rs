@@ -25,30 +25,26 @@ use figures::{FitPlot, Size, coverage_figure, fit_figure};
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// Number of groups shown at once, those with the largest errors.
+/// Groups shown at once: those with the largest errors.
 const WORST: usize = 10;
 
-/// The maximum number of groups listed: a report should stay readable.
+/// A report should stay readable.
 const MOST_GROUPS: usize = 1000;
 
-/// Number of loads plotted from the training rows, and as many from the test rows.
+/// Loads plotted of the training rows, and of the test rows.
 const LOADS: u64 = 600;
 
-/// A fit with the other content of its report.
 #[derive(Clone, Debug)]
 pub struct CalibrationReport<'a> {
     pub fit: &'a Fit,
-    /// The calibration file of the fit.
     pub file: &'a CalibrationFile,
-    /// The name of the file.
     pub name: &'a str,
-    /// The command that reproduces it.
+    /// Command that reproduces it.
     pub command: &'a str,
-    /// Suspicious rows, if the check for them was requested.
+    /// If the check was requested.
     pub outliers: Option<OutlierTable>,
 }
 
-/// Adds predictions and measurements of rows to a figure.
 pub fn add_to_plot(plot: &mut FitPlot, calibration: &Calibration, data: &Dataset) {
     let mut predicted = PerAxis::default();
     for (_, block) in data.blocks() {
@@ -57,8 +53,7 @@ pub fn add_to_plot(plot: &mut FitPlot, calibration: &Calibration, data: &Dataset
     }
 }
 
-/// Predictions and measurements of the rows used, for figures of the training rows and, if any, of the test
-/// rows.
+/// Figures of the training rows and, if any, the test rows.
 pub fn plots(fit: &Fit) -> (FitPlot, Option<FitPlot>) {
     let plot = |data| {
         let mut plot = FitPlot::default();
@@ -69,7 +64,7 @@ pub fn plots(fit: &Fit) -> (FitPlot, Option<FitPlot>) {
 }
 
 impl CalibrationReport<'_> {
-    /// The report as the content of an HTML file.
+    /// Content of a file.
     ///
     /// # Errors
     /// [`FitError`] if the errors of groups cannot be computed.
@@ -100,7 +95,7 @@ impl CalibrationReport<'_> {
     }
 }
 
-/// The fitted rows, grouped by pose if poses are known.
+/// By pose, if poses are known.
 fn labelled(fit: &Fit) -> Dataset {
     let has_poses = match (fit.group_by, &fit.method) {
         (None, _) => false,
@@ -160,7 +155,7 @@ fn predicted(report: &CalibrationReport<'_>, title: &str) -> String {
     drawing("predicted", &svg, &alt, &caption)
 }
 
-/// The section on the loads; `svg` plots the loads of training and test rows.
+/// `svg` plots the loads of training and test rows.
 fn coverage(report: &CalibrationReport<'_>, svg: &str) -> String {
     let Some(excitation) = &report.fit.excitation else { return String::new() };
     let axes = report.file.calibration.axes;
@@ -190,7 +185,6 @@ fn coverage(report: &CalibrationReport<'_>, svg: &str) -> String {
     html + &training + &folded("Which loads came together", &correlation)
 }
 
-/// The axes, and the loads of the training rows on each.
 fn loads(excitation: &Excitation, axes: Axes) -> Vec<Column> {
     let range = |axis: Axis| &excitation.axes[axis.index()];
     let units = AxisUnits::new(|axis| vec![range(axis).min, range(axis).max]);
@@ -203,7 +197,7 @@ fn loads(excitation: &Excitation, axes: Axes) -> Vec<Column> {
     ]
 }
 
-/// The groups with the largest errors, and a collapsed list of all groups.
+/// Groups with the largest errors, and a collapsed list of all.
 fn by_group(rows: &[(&str, &GroupErrors)], axes: Axes) -> String {
     if rows.len() < 2 {
         return String::new();
@@ -239,7 +233,6 @@ fn by_group(rows: &[(&str, &GroupErrors)], axes: Axes) -> String {
     html
 }
 
-/// The RMS of predicted minus measured.
 fn rms(group: &GroupErrors, axis: Axis) -> f64 {
     group.errors[axis.index()].quality().map_or(f64::NAN, |quality| quality.rms)
 }
