@@ -1,16 +1,15 @@
-//! The clock of the low-pass: the period of its grid, and the slot of each row.
+//! Clock of the low-pass: the period of its grid, and the slot of each row.
 
 use super::RowRule;
 
-/// Number of rows at the start of a log that determine the period of the grid.
+/// Rows at the start of a log that determine the period.
 pub(crate) const CLOCK_ROWS: usize = 50;
 
-/// The start and the rate of a log's grid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Clock {
-    /// Time of slot 0, which is the log's first row, s.
+    /// The log's first row, s.
     pub first_s: f64,
-    /// Slots per second: one over the usual period between rows, Hz.
+    /// One over the usual period between rows.
     pub rate_hz: f64,
 }
 
@@ -24,7 +23,6 @@ impl Clock {
     }
 }
 
-/// The search for the clock in the first rows of a log.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ClockSearch {
     first_s: Option<f64>,
@@ -34,7 +32,7 @@ pub struct ClockSearch {
 }
 
 impl ClockSearch {
-    /// Takes the times of the next rows, s. Rows after the first `CLOCK_ROWS` are ignored once a period is
+    /// Takes the times of the next rows, s; ignores those after `CLOCK_ROWS` once a period is
     /// known.
     pub fn look_at(&mut self, times_s: &[f64]) {
         for &time in times_s {
@@ -51,13 +49,12 @@ impl ClockSearch {
         }
     }
 
-    /// Returns true if the clock is known: after `CLOCK_ROWS` rows, or at the first later row whose time
-    /// advances.
+    /// True after `CLOCK_ROWS` rows, or at the first later row whose time advances.
     pub fn is_done(&self) -> bool {
         self.rows >= CLOCK_ROWS && !self.periods_s.is_empty()
     }
 
-    /// The clock, at the rate `rate_hz` if given; `None` if time has not advanced.
+    /// At the rate `rate_hz` if given; `None` if time has not advanced.
     pub fn finish(&self, rate_hz: Option<f64>) -> Option<Clock> {
         let first_s = self.first_s?;
         let own = || {
@@ -71,10 +68,10 @@ impl ClockSearch {
     }
 }
 
-/// The largest slot: later ones are clamped, as no valid time is that late.
+/// Later slots are clamped, as no valid time is that late.
 const LAST_SLOT: u64 = 1 << 60;
 
-/// Assigns slots to the rows of a log, which are given in order.
+/// Assigns slots to the rows of a log in order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Grid {
     clock: Clock,
@@ -84,13 +81,13 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// Starts before the first row; by row, this is the first row of the log.
+    /// Starts before the first row or, by row, with the first row.
     pub fn new(clock: Clock, rule: RowRule) -> Self {
         Self { clock, rule, next_row: 0, last_slot: 0 }
     }
 
-    /// The slots of the next rows. A row that is earlier than a previous one, such as a radio frame that
-    /// arrived out of order, shares the slot of that one.
+    /// Slots of the next rows. A row that is earlier than a previous one, such as a late radio
+    /// frame, shares its slot.
     pub fn slots(&mut self, times_s: &[f64]) -> Vec<u64> {
         let slot = |&time: &f64| {
             let slot = match self.rule {

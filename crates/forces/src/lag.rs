@@ -4,19 +4,19 @@ use calibration::dynamics::ReferenceLag;
 use calibration::memory::TimeBase;
 use shell_data::wrench::PerAxis;
 
-/// Resamples forces at the reference-clock times of their rows' stamps. Values between two rows are on the
-/// cubic with the forces and slopes at both; a parabola through three rows gives the slope. Values before the
-/// first row, after the last, and where time goes back are held. Linear interpolation would flatten
-/// fast forces, which the fit has already flattened once: it interpolates the reference linearly.
+/// Resamples forces at the reference-clock times of their rows' stamps, on the cubic with the
+/// forces and slopes of both neighbours; a parabola through three rows gives the slope. Values
+/// before the first row, after the last, and where time goes back are held. Linear interpolation
+/// would flatten fast forces, as the fit has already done once.
 #[derive(Clone, Debug)]
 pub(super) struct LagShift {
     lag: ReferenceLag,
-    /// Number of rows received, for lags in rows.
+    /// Received so far, for lags in rows.
     rows: u64,
-    /// Times of the buffered rows, in the unit of the lag, and the known forces of these rows.
+    /// Of the buffered rows, in the unit of the lag, and their known forces.
     times: Vec<f64>,
     forces: PerAxis<Vec<f64>>,
-    /// The first buffered row without an output.
+    /// First buffered row without an output.
     next: usize,
 }
 
@@ -25,8 +25,8 @@ impl LagShift {
         Self { lag, rows: 0, times: Vec::new(), forces: PerAxis::default(), next: 0 }
     }
 
-    /// Takes the times of the next rows, s, and the next forces. Returns the forces of the oldest rows that
-    /// are now known.
+    /// Takes the times of the next rows, s, and the next forces; returns the forces of the oldest
+    /// rows that are now known.
     pub(super) fn push(&mut self, times_s: &[f64], forces: PerAxis<Vec<f64>>) -> PerAxis<Vec<f64>> {
         match self.lag.time_base {
             TimeBase::Seconds => self.times.extend_from_slice(times_s),
@@ -39,7 +39,7 @@ impl LagShift {
         self.take(forces, false)
     }
 
-    /// Takes the last forces, and returns those of all pending rows.
+    /// Takes the last forces; returns all pending ones.
     pub(super) fn finish(&mut self, forces: PerAxis<Vec<f64>>) -> PerAxis<Vec<f64>> {
         self.take(forces, true)
     }
@@ -73,17 +73,14 @@ fn longest(forces: &PerAxis<Vec<f64>>) -> usize {
     forces.iter().map(Vec::len).max().unwrap_or(0)
 }
 
-/// A time between two rows.
 struct Between {
-    /// The row before it.
     before: usize,
-    /// Fraction of the way to the next row.
+    /// Share of the way to the next row.
     share: f64,
 }
 
 impl Between {
-    /// Finds a time, searched from row `from` on. Returns `None` if a row that it needs may still have to
-    /// come.
+    /// Searches from row `from` on; `None` if a row that it needs may still have to come.
     fn find(times: &[f64], from: usize, wanted: f64, are_all: bool) -> Option<Self> {
         let mut before = from;
         while before > 0 && times[before] > wanted && times[before - 1] <= times[before] {
@@ -114,8 +111,8 @@ impl Between {
         let after = before + 1;
         let [step, rise] = [times, forces].map(|of| of[after] - of[before]);
         let secant = rise / step;
-        // Slope at one end of the step, from a parabola through both ends and the neighbour outside the step;
-        // without a neighbour, from the straight line through both ends.
+        // By a parabola through both ends and the neighbour outside, or without it by the straight
+        // line.
         let slope = |at: usize, other: Option<usize>| {
             let other = other.filter(|&other| other < times.len());
             let far = other.map(|other| (times[other] - times[at], forces[other] - forces[at]));
@@ -127,7 +124,7 @@ impl Between {
             })
         };
         let [start, end] = [slope(before, before.checked_sub(1)), slope(after, Some(after + 1))];
-        // The cubic, as the straight line and what bends it.
+        // The cubic, as the straight line and its bend.
         let bend = (1.0 - share) * (start - secant) - share * (end - secant);
         forces[before] + share * rise + share * (1.0 - share) * step * bend
     }
@@ -161,7 +158,7 @@ mod tests {
             let early = moved(-0.75, TimeBase::Seconds, &times, pieces);
             assert_eq!(early, [1.5, 3.5, 4.5, 7.5, 8.0]);
             let rows = moved(-0.5, TimeBase::Rows, &times, pieces);
-            // By row the line bends: cubics through four rows, and straight on at both ends.
+            // Cubics through four rows; straight at both ends.
             assert_eq!(rows, [1.0625, 2.4375, 4.4375, 7.0625, 8.0]);
         }
     }

@@ -1,33 +1,32 @@
-//! Statistics of the periods between frames, computed while streaming.
+//! Statistics of the periods between frames, while streaming.
 
 /// Histogram steps per doubling of the period: 0.3 % each.
 const STEPS: f64 = 256.0;
-/// The histogram resolves periods from 2⁻³⁰ s (1 ns) to 2³⁰ s (34 years).
+/// From 2⁻³⁰ s (1 ns) to 2³⁰ s (34 years).
 const DOUBLINGS: i32 = 30;
-/// A period this many times the usual one is a gap in the recording.
+/// Length of a gap in the recording, in usual periods.
 const GAP: f64 = 10.0;
 
-/// A histogram of the periods between frames, with equal steps of their logarithm.
+/// Periods between frames, with equal steps of their logarithm.
 #[derive(Clone, Debug, Default)]
 pub struct Sampling {
     last_s: Option<f64>,
-    /// Number and sum of the periods of each step.
+    /// Number and sum of periods.
     steps: Vec<(u64, f64)>,
     backwards: u64,
 }
 
-/// Statistics of the periods.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Rate {
-    /// Frames per second, without gaps.
+    /// Without gaps.
     pub mean_hz: f64,
     /// One over the median period.
     pub median_hz: f64,
     /// Distance between the 5th and the 95th percentile of the periods, in medians.
     pub spread: f64,
-    /// Number of periods more than ten times the median.
+    /// Periods more than ten times the median.
     pub gaps: u64,
-    /// Number of frames that were not later than the previous one.
+    /// Frames that were not later than the previous one.
     pub backwards: u64,
 }
 
@@ -49,7 +48,7 @@ impl Sampling {
         }
     }
 
-    /// The rate; `None` if time never advances between frames.
+    /// `None` if time never advances between frames.
     pub fn rate(&self) -> Option<Rate> {
         let periods: u64 = self.steps.iter().map(|step| step.0).sum();
         let median = self.percentile(periods, 0.5)?;
@@ -67,7 +66,7 @@ impl Sampling {
         })
     }
 
-    /// The mean of the step that contains a percentile: exact if periods are equal.
+    /// Mean of the step that contains a percentile: exact for equal periods.
     fn percentile(&self, periods: u64, share: f64) -> Option<f64> {
         let rank = (share * periods as f64).ceil().max(1.0) as u64;
         let mut passed = 0;

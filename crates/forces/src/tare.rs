@@ -1,5 +1,5 @@
-//! The frames used as unloaded, with a check against the calibration's training data, and a zero that is
-//! taken during recording.
+//! Frames used as unloaded, with a check against the calibration's training data, and a zero that
+//! is taken during recording.
 
 use calibration::Calibration;
 use calibration::quality::AxisQuality;
@@ -11,33 +11,31 @@ use shell_data::wrench::{Axis, AxisValues, PerAxis};
 use super::stationary::{STATIONARY_FRAMES, StationaryFinder, StationaryInterval};
 use super::{DEFAULT_TARE_FRAMES, ForceError, ForcePipeline, RowRule, TareRule};
 
-/// Number of frames summed at once: fixed, so the mean has the same bits however the log is cut.
+/// Frames summed at once: fixed, so the mean has the same bits however the log is cut.
 const CHUNK: usize = 4096;
 
-/// The search for the tare in the part of the log read so far.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct TareSearch {
     rule: TareRule,
     rows: RowRule,
-    /// True if no later frame can belong to the tare.
+    /// No later frame can belong to the tare.
     is_over: bool,
-    /// Frames found that are not yet in `mean`: counts, one column per channel.
+    /// Frames that are not yet in `mean`, one column per channel.
     chunk: Vec<Vec<f64>>,
     mean: Option<Tare>,
     spread: PerAxis<RunningVariance>,
     found: usize,
     found_s: Option<(f64, f64)>,
     seen_s: Option<(f64, f64)>,
-    /// The frames themselves, if they are kept.
+    /// If they are kept.
     pub(super) frames: Option<TareFrames>,
-    /// The zeros at the stationary intervals, if the tare follows them.
+    /// If the tare follows the stationary intervals.
     zeros: Option<StationaryZeros>,
-    /// The search for stationary intervals; `None` if the caller searches, and only the first interval is
-    /// needed here.
+    /// `None` if the caller searches, and only the first interval is needed here.
     pub(super) finder: Option<StationaryFinder>,
 }
 
-/// The frames of a tare; if it follows the stationary intervals, those of the first.
+/// Frames of a tare; if it follows the stationary intervals, of the first.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TareFrames {
     /// Readings, counts, one column per channel.
@@ -47,36 +45,34 @@ pub struct TareFrames {
     pub leg: Vec<f64>,
 }
 
-/// The frames used as unloaded, and their wrench.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct TareResult {
-    /// Number of frames; with several stationary intervals, of the first.
+    /// With several stationary intervals, of the first.
     pub frames: usize,
-    /// Time of the first frame, s; `None` if the log has no time.
+    /// `None` if the log has no time.
     pub start_s: Option<f64>,
     pub end_s: Option<f64>,
-    /// The mean wrench, which was subtracted, N and N·m.
+    /// Mean, which was subtracted, N and N·m.
     #[serde(serialize_with = "by_column")]
     pub wrench: AxisValues<f64>,
-    /// The standard deviation of the wrench about its mean, N and N·m.
+    /// About the mean, N and N·m.
     #[serde(serialize_with = "by_column")]
     pub sd: AxisValues<f64>,
-    /// Number of stationary intervals, if the tare follows them.
+    /// Stationary intervals, if the tare follows them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rests: Option<usize>,
-    /// The end of the last stationary interval, s.
+    /// End of the last stationary interval.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub last_rest_s: Option<f64>,
 }
 
-/// Consecutive rows of a log.
 #[derive(Clone, Copy, Debug)]
 pub struct FirstRows<'a> {
-    /// Time of each row, s; empty if the log has no time.
+    /// Empty if the log has no time.
     pub times_s: &'a [f64],
     /// Readings, counts, one column per channel.
     pub readings: &'a [Vec<f64>],
-    /// True for each row that is a new frame.
+    /// New frames.
     pub fresh: &'a [bool],
     /// Position of the right leg at each row, counts, if known.
     pub leg: Option<&'a [f64]>,
@@ -92,7 +88,7 @@ impl TareSearch {
         search
     }
 
-    /// Returns true if rows that end at `last_s` may hold frames of the tare.
+    /// True if rows that end at `last_s` may hold frames of the tare.
     pub(super) fn wants(&self, last_s: f64) -> bool {
         match self.rule {
             TareRule::Between(start_s, _) => !self.is_done() && last_s >= start_s,
@@ -100,13 +96,12 @@ impl TareSearch {
         }
     }
 
-    /// Returns true if all frames are found. The search for further stationary intervals continues after the
-    /// first.
+    /// True if all frames are found; the search for further stationary intervals continues.
     pub(super) fn is_done(&self) -> bool {
         self.is_over || (self.found >= self.wanted() && self.finder.is_none())
     }
 
-    /// The maximum number of frames of a tare.
+    /// Most frames of a tare.
     fn wanted(&self) -> usize {
         match self.rule {
             TareRule::First(frames) => frames,
@@ -115,7 +110,7 @@ impl TareSearch {
         }
     }
 
-    /// Takes the next rows, in order.
+    /// In order.
     pub(super) fn look_at(&mut self, calibration: &Calibration, rows: FirstRows<'_>) {
         self.look_for_rests(calibration, rows);
         let wanted = self.wanted();
@@ -147,7 +142,7 @@ impl TareSearch {
             let rows = column.iter().zip(&frames);
             rows.filter(|(_, is_frame)| **is_frame).map(|(value, _)| *value).collect()
         };
-        // At rest, memory terms are zero, so plain channels suffice.
+        // When still, memory terms are zero, so plain channels suffice.
         let channels = rows.readings.iter().take(calibration.channels());
         let readings: Vec<Vec<f64>> = channels.map(|column| pick(column)).collect();
         finder.look_at(&pick(rows.times_s), &readings, &mut |rest| zeros.add(calibration, rest));
@@ -182,7 +177,7 @@ impl TareSearch {
         });
     }
 
-    /// Builds a pipeline with the tare and its frames; without them for [`TareRule::Untared`].
+    /// With the tare and its frames; without them for [`TareRule::Untared`].
     ///
     /// # Errors
     /// [`ForceError::TareFrames`], [`ForceError::TareTime`] if there are too few frames.
@@ -223,15 +218,15 @@ fn extend(span_s: &mut Option<(f64, f64)>, time_s: Option<f64>) {
     }
 }
 
-/// The zero as a function of time, from stationary intervals in order.
+/// Zero over time, from stationary intervals in order.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct StationaryZeros {
-    /// Hold the zero of the last complete interval, instead of linear interpolation between intervals.
+    /// Holds the zero of the last complete interval, instead of linear interpolation.
     causal: bool,
     knots: Vec<Knot>,
 }
 
-/// The zero at a stationary interval.
+/// At a stationary interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Knot {
     middle_s: f64,
@@ -247,7 +242,7 @@ impl StationaryZeros {
         }
     }
 
-    /// The zero at a time, N and N·m; zero if there was no stationary interval.
+    /// N and N·m; zero without a stationary interval.
     pub(super) fn at(&self, time_s: f64) -> PerAxis<f64> {
         if self.causal {
             let next = self.knots.partition_point(|knot| knot.end_s <= time_s);
@@ -301,20 +296,19 @@ pub fn by_column<T: serde::Serialize, S: serde::Serializer>(
     serializer.collect_map(values.iter().map(|(axis, value)| (axis.column(), value)))
 }
 
-/// A tare wrench above this share of the largest training load is doubtful. A drifted zero and the noise at
-/// rest are below it.
+/// A tare wrench above this share of the largest training load is doubtful: a drifted zero and
+/// noise are below it.
 const LOADED: f64 = 0.1;
 
-/// A tare wrench below this multiple of the calibration error is not a detectable load.
+/// Multiple of the calibration error from which a tare wrench is a detectable load.
 const ERRORS: f64 = 4.0;
 
 const CONSEQUENCE: &str = "every force of this log is relative to it";
 
 impl TareResult {
-    /// Describes the most serious reason to doubt that its frames were unloaded, if any: their mean wrench is
-    /// far from the zero of the calibration, or the wrench changes during the tare.
-    ///
-    /// `errors` and `loads` belong to the calibration's training data.
+    /// The most serious reason to doubt that the frames were unloaded, if any: their mean wrench is
+    /// far from the zero of the calibration, or the wrench changes during the tare. `errors` and
+    /// `loads` belong to the training data.
     pub fn doubt(&self, errors: &PerAxis<AxisQuality>, loads: &Excitation) -> Option<String> {
         let largest = loads.largest_loads();
         let excess = |of: &AxisValues<f64>| {
@@ -342,13 +336,13 @@ impl TareResult {
     }
 }
 
-/// The zero of a stream of wrenches, taken on request: the mean of the next [`DEFAULT_TARE_FRAMES`] wrenches.
-/// It is applied after tare and low-pass of the pipeline.
+/// Zero of a stream of wrenches, taken on request: the mean of the next [`DEFAULT_TARE_FRAMES`]. It
+/// is applied after tare and low-pass of the pipeline.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RunningTare {
     /// The wrench to subtract, N and N·m.
     pub zero: PerAxis<f64>,
-    /// Number and sum of the wrenches of a tare in progress.
+    /// Number and sum of wrenches.
     pending: Option<(usize, PerAxis<f64>)>,
 }
 
@@ -357,12 +351,11 @@ impl RunningTare {
         self.pending = Some((0, [0.0; 6]));
     }
 
-    /// Returns true if a tare is in progress.
     pub fn is_pending(&self) -> bool {
         self.pending.is_some()
     }
 
-    /// Adds the next wrench. Returns true if it completes a tare, which applies from this wrench on.
+    /// Returns true if this wrench completes a tare, which applies from it on.
     pub fn push(&mut self, wrench: PerAxis<f64>) -> bool {
         let Some((count, sum)) = &mut self.pending else { return false };
         *count += 1;
@@ -384,7 +377,7 @@ mod tests {
 
     use super::*;
 
-    /// A calibration in which Fx equals the reading.
+    /// Fx equals the reading.
     fn identity() -> Calibration {
         let model = Model { basis: Basis::Linear, intercept: false, channels: 1, memory: 0 };
         Calibration::new(model, Scaling::identity(1), vec![[1.0, 0.0, 0.0, 0.0, 0.0, 0.0]])

@@ -1,25 +1,25 @@
-//! Detection of forces and moments that do not follow gravity, and of an exchange of axes that explains it.
+//! Detection of forces and moments that do not follow gravity, and of an exchange of axes that
+//! explains them.
 
 use super::PayloadPose;
 use super::fit::{PayloadFit, fit};
 use super::vector::{Vector, dot, mean, subtract};
 use shell_data::wrench::Axis;
 
-/// Residuals above this share of the scatter over poses are doubtful.
+/// Larger residuals, as a share of the scatter over poses, are doubtful.
 const DOUBTED: f64 = 0.5;
-/// Residuals above this share start a search for another interpretation of the columns.
+/// Larger residuals start a search for another interpretation of the columns.
 const SUSPECTED: f64 = 0.1;
 /// Another interpretation must reduce the residual below this share.
 const CURED: f64 = 1.0 / 3.0;
-/// Residual moments matter from this lever arm of the weight on, m.
+/// Smallest lever arm of the weight from which residual moments matter, m.
 const LEVER_M: f64 = 0.005;
 
-/// Residuals of forces or moments, RMS, N or N·m.
+/// RMS residuals of forces or moments, N or N·m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LeftOver {
-    /// RMS about the fit.
     pub rms: f64,
-    /// RMS about the mean over the poses.
+    /// About the mean over the poses.
     pub scatter: f64,
 }
 
@@ -32,23 +32,22 @@ impl LeftOver {
         Self { rms: fit.residual_rms_nm, scatter: scatter(poses, 3) }
     }
 
-    /// Returns true if most of the variation is unexplained.
+    /// True if most of the variation is unexplained.
     pub fn is_doubtful(&self) -> bool {
         self.rms > DOUBTED * self.scatter
     }
 
-    /// Returns true if another interpretation of the columns should be tried.
     pub fn is_suspected(&self) -> bool {
         self.rms > SUSPECTED * self.scatter
     }
 
-    /// Returns true if another interpretation of the columns, with this residual, is the right one.
+    /// True if an interpretation with this residual is the right one.
     pub fn is_cured_by(&self, rms: f64) -> bool {
         rms < CURED * self.rms
     }
 }
 
-/// RMS of three axes of the wrench about their mean.
+/// Three axes of the wrench about their mean.
 fn scatter(poses: &[PayloadPose], first: usize) -> f64 {
     let part = |pose: &PayloadPose| -> Vector { std::array::from_fn(|i| pose.wrench[first + i]) };
     let middle = mean(poses.iter().map(part));
@@ -56,12 +55,12 @@ fn scatter(poses: &[PayloadPose], first: usize) -> f64 {
     (squares.map(|off| dot(off, off)).sum::<f64>() / (3 * poses.len()) as f64).sqrt()
 }
 
-/// A permutation of the moments with signs: for each axis the source axis, and true if its sign flips.
+/// For each axis the source axis, and true if its sign flips.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MomentExchange([(usize, bool); 3]);
 
 impl MomentExchange {
-    /// Applies the exchange to moments.
+    /// Exchanges moments.
     fn of(&self, [x, y, z]: Vector) -> Vector {
         self.0.map(|(axis, is_negative)| {
             let value = [x, y, z][axis];
@@ -69,12 +68,11 @@ impl MomentExchange {
         })
     }
 
-    /// The number of axes that it changes.
     fn changes(&self) -> usize {
         (0..3).filter(|&axis| self.0[axis] != (axis, false)).count()
     }
 
-    /// All exchanges except the identity, with the fewest changes first.
+    /// All except the identity, with the fewest changes first.
     fn all() -> Vec<Self> {
         let orders = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [2, 1, 0], [1, 2, 0], [2, 0, 1]];
         let signed = |order: [usize; 3]| {
@@ -116,7 +114,7 @@ pub struct MomentDoubt {
     pub cure: Option<(MomentExchange, f64)>,
 }
 
-/// Returns a doubt if most of the moments do not follow gravity, with the exchange of axes after which they
+/// A doubt if most of the moments do not follow gravity, with the exchange of axes after which they
 /// do.
 pub fn moment_doubt(found: &PayloadFit, poses: &[PayloadPose]) -> Option<MomentDoubt> {
     let left = LeftOver::of_moments(found, poses);

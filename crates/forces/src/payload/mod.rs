@@ -1,20 +1,19 @@
-//! The payload of a sensor: loads that are not contact.
+//! Payload of a sensor: loads that are not contact.
 //!
-//! A tool, a shell or a hand behind the sensor has weight, and exerts inertial forces when it accelerates.
-//! With the apparent gravity `g` in the sensor's frame (gravity less acceleration, which is the negative of
-//! an accelerometer's reading),
+//! A tool, a shell or a hand behind the sensor has weight, and exerts inertial forces when it
+//! accelerates. With the apparent gravity `g` in the sensor's frame (gravity less acceleration,
+//! which is the negative of an accelerometer's reading),
 //!
 //! ```text
 //! F = m·g + F₀        T = c × m·g + T₀
 //! ```
 //!
-//! with mass m, centre of mass c and the sensor's own zero F₀, T₀. Poses at rest with known orientation
-//! determine all ten parameters by least squares ([`fit()`]), and also the frame, scale and offset of an
-//! accelerometer ([`Accelerometer`]). During a run the accelerometer then gives g at any time ([`Motion`]),
-//! the angular velocity gives the [contribution of turning](gravity_at_centre) at c, and the load is
-//! subtracted. Torque from angular acceleration (the tensor of inertia) is not modelled.
-//!
-//! This module is pure: it neither reads files nor prints.
+//! with mass m, centre of mass c and the sensor's own zero F₀, T₀. Still poses with known
+//! orientation determine all ten parameters ([`fit()`]), and the frame, scale and offset of an
+//! accelerometer ([`Accelerometer`]). During a run the accelerometer gives g at any time
+//! ([`Motion`]), the angular velocity gives the [contribution of turning](gravity_at_centre) at c,
+//! and the load is subtracted. Torque from angular acceleration (the tensor of inertia) is not
+//! modelled. The module neither reads files nor prints.
 
 mod accelerometer;
 mod doubt;
@@ -36,47 +35,45 @@ pub use vector::{Matrix, Vector, norm, times};
 use shell_data::wrench::PerAxis;
 use vector::cross;
 
-/// Gravity by default, m/s² (the standard value of the third CGPM, 1901).
+/// The standard value of the third CGPM, 1901.
 pub const STANDARD_GRAVITY_M_S2: f64 = 9.806_65;
 
 /// A rigid body on a sensor, and the sensor's zero.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Payload {
-    /// Mass m, kg.
     pub mass_kg: f64,
-    /// Centre of mass c in the sensor's frame, m.
+    /// In the sensor's frame.
     pub centre_m: Vector,
     pub force_bias_n: Vector,
-    /// T₀, N·m.
+    /// T₀.
     pub moment_bias_nm: Vector,
 }
 
 impl Payload {
-    /// The wrench of the body in apparent gravity, m/s², without the sensor's zero: N and N·m.
+    /// Wrench in apparent gravity, m/s², without the sensor's zero: N and N·m.
     pub fn load(&self, gravity_m_s2: Vector) -> PerAxis<f64> {
         let [x, y, z] = gravity_m_s2.map(|g| self.mass_kg * g);
         let [mx, my, mz] = cross(self.centre_m, [x, y, z]);
         [x, y, z, mx, my, mz]
     }
 
-    /// The maximum force at the centre due to turning by 1 rad/s, N.
+    /// Largest force at the centre due to turning by 1 rad/s, N.
     pub fn turning_n(&self) -> f64 {
         self.mass_kg * norm(self.centre_m)
     }
 
-    /// The sensor's zero, N and N·m.
     pub fn bias(&self) -> PerAxis<f64> {
         let ([x, y, z], [mx, my, mz]) = (self.force_bias_n, self.moment_bias_nm);
         [x, y, z, mx, my, mz]
     }
 }
 
-/// The inertial forces that are subtracted from a load in addition to weight.
+/// Inertial forces that are subtracted in addition to weight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Inertia {
     /// None: gravity is from orientations.
     Nothing,
-    /// The acceleration of the sensor, without the contribution of turning at the centre of the body.
+    /// Acceleration of the sensor, without the turning of the body's centre about it.
     WithoutTurning,
     /// Both.
     Whole,
@@ -86,18 +83,17 @@ pub enum Inertia {
 #[derive(Clone, Debug, PartialEq)]
 pub struct CarriedLoad {
     pub payload: Payload,
-    /// Apparent gravity at the body's centre over time, on the clock of the wrench.
+    /// Apparent gravity at the body's centre, on the clock of the wrench.
     pub motion: Motion,
-    /// The inertial forces that are subtracted in addition to weight.
     pub inertia: Inertia,
-    /// The factor on accelerations, if their unit differed from that of the poses.
+    /// Factor on accelerations, if their unit differed from that of the poses.
     pub rescaled: Option<f64>,
-    /// The estimated lag of the motion's clock, applied or not.
+    /// Lag of the motion's clock, applied or not.
     pub lag: Option<Lag>,
 }
 
 impl CarriedLoad {
-    /// The mean load over some times, without the sensor's zero; `None` without times.
+    /// Without the sensor's zero; `None` without times.
     pub fn mean(&self, times_s: &[f64]) -> Option<PerAxis<f64>> {
         let mut sum = PerAxis::<f64>::default();
         for &time in times_s {
@@ -107,8 +103,8 @@ impl CarriedLoad {
         (!times_s.is_empty()).then(|| sum.map(|sum| sum / times_s.len() as f64))
     }
 
-    /// Subtracts the load at each row's time, and `zero`, from its wrench. Returns the number of rows whose
-    /// load is not known.
+    /// Subtracts the load at each row's time, and `zero`. Returns the number of rows without a
+    /// known load.
     pub fn subtract(
         &self,
         times_s: &[f64],

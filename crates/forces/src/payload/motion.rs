@@ -3,10 +3,10 @@
 use super::vector::{Vector, add, scaled, subtract};
 use shell_data::statistics::upper_median;
 
-/// A motion is unknown further than this number of usual intervals from the nearest sample.
+/// Usual intervals from the nearest sample beyond which a motion is unknown.
 const FAR: f64 = 10.0;
 
-/// Apparent gravity over time, linear between samples and held before the first and after the last.
+/// Linear between samples and held before the first and after the last.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Motion {
     times_s: Vec<f64>,
@@ -15,18 +15,17 @@ pub struct Motion {
     period_s: f64,
 }
 
-/// Samples that do not form a motion.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum MotionError {
     #[error("it has `{0}` samples of motion at different times, at least 2 are needed")]
     TooFewSamples(usize),
-    /// The clock was set back; the fields are the times of two consecutive samples, s.
+    /// The clock was set back between two samples.
     #[error("its time goes back from `{before}` to `{after}` s")]
     Backward { before: f64, after: f64 },
 }
 
 impl Motion {
-    /// Creates a motion from samples in order. The first of several samples at one time is used.
+    /// From samples in order; the first of several samples at one time is used.
     ///
     /// # Errors
     /// [`MotionError`].
@@ -51,18 +50,15 @@ impl Motion {
         Ok(motion)
     }
 
-    /// Shifts the times back by `lag_s`.
     pub fn earlier_by(mut self, lag_s: f64) -> Self {
         self.times_s.iter_mut().for_each(|time| *time -= lag_s);
         self
     }
 
-    /// The first and last time, s.
     pub fn span_s(&self) -> (f64, f64) {
         (self.times_s[0], self.times_s[self.times_s.len() - 1])
     }
 
-    /// Apparent gravity at a time, m/s².
     pub fn at(&self, time_s: f64) -> Vector {
         let after = self.times_s.partition_point(|&time| time <= time_s);
         if after == 0 {
@@ -76,7 +72,7 @@ impl Motion {
         add(first, scaled(subtract(next, first), share))
     }
 
-    /// Returns true if a time is so far from any sample that the motion is unknown.
+    /// True if a time is so far from any sample that the motion is unknown.
     pub fn is_far(&self, time_s: f64) -> bool {
         let after = self.times_s.partition_point(|&time| time <= time_s);
         let neighbours = &self.times_s[after.saturating_sub(1)..self.times_s.len().min(after + 1)];
@@ -85,10 +81,10 @@ impl Motion {
     }
 }
 
-/// The integral of a motion over time, from which means over any stretch follow.
+/// Integral of a motion, which gives means over any block of time.
 pub(super) struct Integral<'a> {
     motion: &'a Motion,
-    /// The integral from the first sample to each.
+    /// From the first sample to each.
     sums: Vec<Vector>,
 }
 
@@ -102,7 +98,7 @@ impl<'a> Integral<'a> {
         Self { motion, sums }
     }
 
-    /// The mean over `length_s` after a time minus the mean over `length_s` before it.
+    /// Mean over `length_s` after a time minus the mean over `length_s` before it.
     pub(super) fn step(&self, time_s: f64, length_s: f64) -> Vector {
         let ends = add(self.to(time_s + length_s), self.to(time_s - length_s));
         scaled(subtract(ends, scaled(self.to(time_s), 2.0)), 1.0 / length_s)

@@ -2,7 +2,7 @@
 
 use super::vector::{Matrix, Vector, add, cross, dot, inverse, norm, product, scaled, subtract};
 
-/// The matrix of a quaternion x y z w of any length.
+/// From x y z w of any length.
 pub fn from_quaternion([x, y, z, w]: [f64; 4]) -> Matrix {
     let two = 2.0 / (x * x + y * y + z * z + w * w);
     [
@@ -12,14 +12,14 @@ pub fn from_quaternion([x, y, z, w]: [f64; 4]) -> Matrix {
     ]
 }
 
-/// The matrix of a rotation vector, rad: along the axis, with the angle as its length.
+/// From a vector along the axis, with the angle, rad, as its length.
 pub fn from_rotation_vector(vector: Vector) -> Matrix {
     let (angle, half) = (norm(vector), 0.5 * norm(vector));
     let axis = if angle > 0.0 { scaled(vector, half.sin() / angle) } else { [0.0; 3] };
     from_quaternion([axis[0], axis[1], axis[2], half.cos()])
 }
 
-/// The matrix of roll, pitch and yaw, rad: `Rz(yaw)·Ry(pitch)·Rx(roll)`.
+/// In rad: `Rz(yaw)·Ry(pitch)·Rx(roll)`.
 pub fn from_roll_pitch_yaw([roll, pitch, yaw]: Vector) -> Matrix {
     let about = |axis: usize, angle: f64| {
         let mut vector = [0.0; 3];
@@ -29,7 +29,7 @@ pub fn from_roll_pitch_yaw([roll, pitch, yaw]: Vector) -> Matrix {
     product(&product(&about(2, yaw), &about(1, pitch)), &about(0, roll))
 }
 
-/// The transpose, which for a rotation is the inverse.
+/// The inverse of a rotation.
 pub fn transposed(matrix: &Matrix) -> Matrix {
     std::array::from_fn(|i| std::array::from_fn(|j| matrix[j][i]))
 }
@@ -41,12 +41,12 @@ fn rotation_vector(m: &Matrix) -> Vector {
     scaled(sines, if sine > 1e-12 { 0.5 * angle / sine } else { 0.5 })
 }
 
-/// The rotation nearest to a matrix or, for a mirroring matrix, to its negative.
+/// The nearest rotation or, for a mirroring matrix, that to its negative.
 pub fn nearest_rotation(matrix: &Matrix) -> Matrix {
     let determinant = dot(matrix[0], cross(matrix[1], matrix[2]));
     let size = determinant.cbrt();
     let mut near = matrix.map(|row| scaled(row, 1.0 / size));
-    // Newton's iteration to the orthogonal factor doubles the number of correct digits per step.
+    // Newton's iteration to the orthogonal factor doubles the correct digits per step.
     for _ in 0..30 {
         let other = transposed(&inverse(&near));
         near = std::array::from_fn(|i| scaled(add(near[i], other[i]), 0.5));
@@ -54,7 +54,7 @@ pub fn nearest_rotation(matrix: &Matrix) -> Matrix {
     near
 }
 
-/// The angular velocity in the sensor's frame, rad/s, from rotations at ascending times, s.
+/// In the sensor's frame, rad/s, from rotations at ascending times, s.
 pub fn angular_velocity(times_s: &[f64], rotations: &[Matrix]) -> Vec<Vector> {
     let pairs = rotations.windows(2).zip(times_s.windows(2));
     let rate = |(turn, times): (&[Matrix], &[f64])| {
@@ -63,7 +63,7 @@ pub fn angular_velocity(times_s: &[f64], rotations: &[Matrix]) -> Vec<Vector> {
     };
     let between: Vec<Vector> = pairs.map(rate).collect();
     let mut found = at_samples(times_s, &between);
-    // Extrapolate linearly at the ends: holding the value would halve the slope there.
+    // Linear extrapolation at the ends: holding the value would halve the slope there.
     if let [first, .., last] = between[..] {
         let end = found.len() - 1;
         found[0] = subtract(scaled(first, 2.0), found[1]);
@@ -72,7 +72,6 @@ pub fn angular_velocity(times_s: &[f64], rotations: &[Matrix]) -> Vec<Vector> {
     found
 }
 
-/// The slope of vectors along ascending times.
 pub(super) fn slope(times_s: &[f64], vectors: &[Vector]) -> Vec<Vector> {
     let pairs = vectors.windows(2).zip(times_s.windows(2));
     let rate = |(of, times): (&[Vector], &[f64])| {
@@ -82,7 +81,7 @@ pub(super) fn slope(times_s: &[f64], vectors: &[Vector]) -> Vec<Vector> {
     at_samples(times_s, &between)
 }
 
-/// Values at the samples from values in the middle between neighbouring samples.
+/// From values in the middle between neighbouring samples.
 fn at_samples(times_s: &[f64], between: &[Vector]) -> Vec<Vector> {
     let last = times_s.len().saturating_sub(1);
     let at = |row: usize| match row {
@@ -110,8 +109,8 @@ mod tests {
         }
     }
 
-    /// Expected: `scipy.spatial.transform.Rotation` of SciPy 1.17.1: `from_euler("ZYX", [0.3, -0.4, 0.5])`,
-    /// which is yaw, pitch and roll, with its `as_quat` and `as_rotvec`.
+    /// SciPy 1.17.1: `Rotation.from_euler("ZYX", [0.3, -0.4, 0.5])`, which is yaw, pitch and roll,
+    /// with its `as_quat` and `as_rotvec`.
     #[test]
     fn rotations_equal_scipy() {
         let expected = [

@@ -4,7 +4,6 @@ pub(super) use shell_data::wrench::cross;
 
 pub type Vector = [f64; 3];
 
-/// A matrix, row by row.
 pub type Matrix = [Vector; 3];
 
 pub(super) fn dot(a: Vector, b: Vector) -> f64 {
@@ -46,14 +45,14 @@ pub(super) fn sum_of_products(pairs: impl Iterator<Item = (Vector, Vector)>) -> 
     sum
 }
 
-/// The inverse by cofactors; not finite for a singular matrix.
+/// By cofactors; not finite for a singular matrix.
 pub(super) fn inverse(m: &Matrix) -> Matrix {
     let columns = [cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])];
     let determinant = dot(m[0], columns[0]);
     std::array::from_fn(|i| std::array::from_fn(|j| columns[j][i] / determinant))
 }
 
-/// The mean; zero without vectors.
+/// Zero without vectors.
 pub(super) fn mean(vectors: impl ExactSizeIterator<Item = Vector>) -> Vector {
     let count = vectors.len().max(1) as f64;
     scaled(vectors.fold([0.0; 3], add), 1.0 / count)

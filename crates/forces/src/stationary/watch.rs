@@ -1,11 +1,12 @@
-//! A test for a change of the zero between the start and the end of a log.
+//! Test for a change of the zero between the start and the end of a log.
 //!
-//! The means of the first and the last stationary interval differ significantly if on any of k axes they
-//! differ by more than `t·√(e₁² + e₂²)`. Here e is the standard error of a mean from its [`PARTS`] parts, and
-//! t is Student's quantile with `2·(PARTS − 1)` degrees of freedom at a level of 1 − [`FALSE_ALARMS`]/k
-//! (Bonferroni). The change is reported if it also exceeds the noise of one frame. For a constant zero the
-//! false alarm rate is thus at most [`FALSE_ALARMS`] of logs, provided that the noise is uncorrelated over a
-//! fifth of an interval. An offset that a load leaves in the springs (play, creep) counts as a change.
+//! The means of the first and the last stationary interval differ significantly if on any of k axes
+//! they differ by more than `t·√(e₁² + e₂²)`. Here e is the standard error of a mean from its
+//! [`PARTS`] parts, and t is Student's quantile with `2·(PARTS − 1)` degrees of freedom at a level
+//! of 1 − [`FALSE_ALARMS`]/k (Bonferroni). A reported change also exceeds the noise of one frame.
+//! If the noise is uncorrelated over a fifth of an interval, at most [`FALSE_ALARMS`] of logs with
+//! a constant zero give an alarm. An offset that a load leaves in the springs (play, creep) counts
+//! as a change.
 
 use calibration::Calibration;
 use calibration::uncertainty::student_quantile;
@@ -14,43 +15,40 @@ use shell_data::wrench::{Axis, AxisValues, PerAxis};
 
 use super::{PARTS, StationaryFinder, StationaryInterval};
 
-/// The maximum share of logs with a constant zero for which a change is reported.
+/// Largest share of logs with a constant zero for which a change is reported.
 pub const FALSE_ALARMS: f64 = 0.01;
 
-/// The level of a quantity over a stationary interval, in the unit of that quantity.
+/// Level of a quantity over a stationary interval, in its unit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct QuietLevel {
     pub mean: f64,
-    /// The noise of a frame: RMS distance from the mean.
+    /// RMS distance of a frame from the mean.
     pub noise: f64,
-    /// Standard error of the mean, from the means of the parts.
+    /// Of the mean, from the means of the parts.
     pub standard_error: f64,
 }
 
-/// The change of a zero, in the unit of the quantity.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct ZeroChange {
-    /// The change from the first stationary interval to the last.
+    /// From the first stationary interval to the last.
     pub change: f64,
-    /// The change counts as significant above this limit.
+    /// A larger change is significant.
     pub limit: f64,
-    /// The noise of a frame, RMS in the first stationary interval.
+    /// RMS of a frame in the first stationary interval.
     pub noise: f64,
 }
 
-/// The change of the zero between the start and the end of a log.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct ZeroMove {
     pub rests: u64,
     pub first_s: f64,
     pub last_s: f64,
-    /// The changes of the wrench, N and N·m.
     #[serde(serialize_with = "super::super::tare::by_column")]
     pub axes: AxisValues<ZeroChange>,
 }
 
 impl QuietLevel {
-    /// The level of the values at the frames of a stationary interval.
+    /// Values at the frames of a stationary interval.
     pub fn new(values: &[f64], parts: &[usize]) -> Self {
         let whole = RunningVariance::new(values);
         let mut means = Vec::with_capacity(parts.len());
@@ -77,7 +75,7 @@ impl QuietLevel {
 }
 
 impl ZeroChange {
-    /// The change from the first interval to the last, where one of `quantities` is tested.
+    /// From the first interval to the last, where one of `quantities` is tested.
     pub fn new(first: &QuietLevel, last: &QuietLevel, quantities: usize) -> Self {
         let level = 1.0 - FALSE_ALARMS / quantities.max(1) as f64;
         let t = student_quantile(level, 2.0 * (PARTS - 1) as f64);
@@ -86,13 +84,13 @@ impl ZeroChange {
         Self { change, limit: by_chance.max(noise), noise }
     }
 
-    /// Returns true if the change exceeds its limit.
+    /// True if the change exceeds its limit.
     pub(crate) fn has_moved(&self) -> bool {
         self.change.abs() > self.limit
     }
 }
 
-/// The largest of the changes beyond their limits, relative to the limit.
+/// The largest change beyond its limit, relative to the limit.
 pub fn largest_change<T: Copy>(
     changes: impl Iterator<Item = (T, ZeroChange)>,
 ) -> Option<(T, ZeroChange)> {
@@ -102,12 +100,12 @@ pub fn largest_change<T: Copy>(
 }
 
 impl ZeroMove {
-    /// The axis with the largest change relative to its limit; `None` if no change exceeds its limit.
+    /// The largest change relative to its limit; `None` if none exceeds it.
     pub fn largest(&self) -> Option<(Axis, ZeroChange)> {
         largest_change(self.axes.iter().copied())
     }
 
-    /// Describes the change in words; `None` if there is none.
+    /// `None` if there is no change.
     pub fn in_words(&self) -> Option<String> {
         let (axis, ZeroChange { change, noise, .. }) = self.largest()?;
         let decimals = if axis.is_moment() { 5 } else { 3 };
@@ -130,7 +128,7 @@ pub struct ZeroWatch {
 }
 
 impl ZeroWatch {
-    /// Takes the next fresh frames, see [`StationaryFinder::look_at`].
+    /// Takes fresh frames, see [`StationaryFinder::look_at`].
     pub fn look_at(&mut self, times_s: &[f64], readings: &[Vec<f64>]) {
         let Self { finder, first, last, rests } = self;
         finder.look_at(times_s, readings, &mut |rest| {
@@ -142,7 +140,7 @@ impl ZeroWatch {
         });
     }
 
-    /// The change of the zero; `None` with fewer than two stationary intervals.
+    /// `None` with fewer than two stationary intervals.
     pub fn finish(&self, calibration: &Calibration) -> Option<ZeroMove> {
         let (first, last) = (self.first.as_ref()?, self.last.as_ref()?);
         let levels = [first, last].map(|rest| QuietLevel::from_wrench(calibration, rest));
