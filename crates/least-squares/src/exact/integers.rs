@@ -5,8 +5,8 @@ use num_traits::{Float, ToPrimitive, Zero};
 
 use crate::double_double::DoubleDouble;
 
-/// Integers times a common power of two, in lowest terms: at least one is odd, or all are zero and the
-/// exponent is 0.
+/// Integers times a common power of two, in lowest terms: one is odd, or all are zero and so is the
+/// exponent.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ScaledIntegers {
     pub(crate) exponent: i32,
@@ -66,8 +66,7 @@ impl ScaledIntegers {
 
 pub(crate) const DIGIT_BITS: u32 = 32;
 
-/// Splits integers into digits that carry the sign of their integer. Returns one vector per digit, lowest
-/// first, each with that digit of all integers.
+/// Splits integers into digits that carry the integer's sign: one vector per digit, lowest first.
 pub(crate) fn digit_planes(values: &[BigInt]) -> Vec<Vec<i128>> {
     let digits = |value: &BigInt| value.bits().div_ceil(DIGIT_BITS.into()) as usize;
     let count = values.iter().map(digits).max().unwrap_or(0);
@@ -104,7 +103,7 @@ impl DigitPlanes {
     }
 }
 
-/// The result of [`join`], if it fits in 128 bits.
+/// [`join`], if the result fits in 128 bits.
 fn narrow(parts: impl DoubleEndedIterator<Item = i128>, width: u32) -> Option<i128> {
     parts
         .rev()
@@ -129,8 +128,8 @@ pub(crate) fn power_of_two(exponent: i32) -> f64 {
 /// Rounds an integer below 2¹²⁶ to a double-double; exact up to 2¹⁰⁶.
 #[inline(always)]
 pub(crate) fn round(value: i128) -> DoubleDouble {
-    /// Bits per digit. These digits, and the highest with at most 47 bits, are exact in `f64`. A head and a
-    /// tail hold the sum of two neighbouring digits exactly.
+    /// Bits per digit. Digits, and the highest with at most 47 bits, are exact in `f64`; head and
+    /// tail hold the sum of two neighbours exactly.
     const BITS: u32 = 40;
     const MASK: u64 = (1 << BITS) - 1;
     let low = (value as u64 & MASK) as i64;
@@ -141,7 +140,7 @@ pub(crate) fn round(value: i128) -> DoubleDouble {
     DoubleDouble::from_sum(high, middle) + DoubleDouble::from(low as f64)
 }
 
-/// Maximum number of bits for which [`round`] is exact.
+/// [`round`] is exact for at most this many bits.
 const EXACT_BITS: u64 = 106;
 
 /// Rounds `value·2^exponent` to a double-double.
@@ -149,7 +148,7 @@ pub(crate) fn round_scaled(value: &BigInt, exponent: i32) -> DoubleDouble {
     if value.bits() <= EXACT_BITS {
         return shifted(round(value.to_i128().expect("fewer than 128 bits")), exponent);
     }
-    /// The number of leading bits that affect the result.
+    /// Leading bits that affect the result.
     const BITS: u64 = 240;
     let cut = value.bits().saturating_sub(BITS);
     let (value, exponent) = match cut {

@@ -1,8 +1,7 @@
-//! Linear dependence of features, decided in exact integers.
-//!
-//! The method is symmetric elimination modulo the prime 2⁶¹ − 1. A minor that is nonzero modulo a prime is
-//! nonzero, so the pivots found here prove rank. A pivot that is zero modulo the prime is zero with a
-//! probability of error near 2⁻⁶¹. The resulting relations are checked in exact integers.
+//! Linear dependence of features, decided in exact integers by symmetric elimination modulo the
+//! prime 2⁶¹ − 1. A minor that is nonzero modulo a prime is nonzero, so the pivots prove rank. A
+//! pivot that is zero modulo the prime is zero but for a probability near 2⁻⁶¹; the resulting
+//! relations are checked in exact integers.
 
 use num_bigint::BigInt;
 use num_traits::Zero;
@@ -12,15 +11,13 @@ use super::product_sums::ExactSums;
 use crate::model::Term;
 use crate::rank_loss::{RankLoss, Relation};
 
-/// The loss of rank of a model's features; `None` if they are independent.
-///
-/// Independence is certain, because a minor of the integer Gram matrix that does not vanish modulo a prime
-/// does not vanish. Dependence is certain where its relation is [`Relation::exact`], and otherwise wrong with
-/// a probability near 2⁻⁶¹ per feature.
+/// The loss of rank; `None` if the features are independent, which is certain. Dependence is
+/// certain where its relation is [`Relation::exact`], and otherwise wrong with a probability near
+/// 2⁻⁶¹ per feature.
 pub(crate) fn rank_loss(moments: &ExactSums, scales: &EquationScales) -> Option<RankLoss> {
     let EquationScales { terms: model_terms, positions, .. } = scales;
     let size = model_terms.len();
-    // The simplest features come first, which gives the most readable relations.
+    // Simple features first give readable relations.
     let mut order: Vec<usize> = (0..size).collect();
     order.sort_unstable_by_key(|&i| (model_terms[i].factors().len(), i));
     let terms: Vec<Term> = order.iter().map(|&i| model_terms[i]).collect();
@@ -36,7 +33,7 @@ pub(crate) fn rank_loss(moments: &ExactSums, scales: &EquationScales) -> Option<
     if dependent.is_empty() {
         return None;
     }
-    // Multiples of a dependent feature are dependent too and are not reported.
+    // Multiples of a dependent feature are dependent too, and not reported.
     let mut leading: Vec<usize> = Vec::new();
     for &j in &dependent {
         if !leading.iter().any(|&i| divides(terms[i], terms[j])) {
@@ -91,12 +88,11 @@ fn divides(term: Term, multiple: Term) -> bool {
 
 pub(crate) const PRIME: u64 = (1 << 61) - 1;
 
-/// Reduces a signed number modulo the prime.
+/// Modulo the prime, for a signed number.
 pub(crate) fn residue(value: i128) -> u64 {
     value.rem_euclid(i128::from(PRIME)) as u64
 }
 
-/// Reduces a number modulo the prime.
 #[inline]
 fn reduce(value: u128) -> u64 {
     let once = (value & u128::from(PRIME)) + (value >> 61);
@@ -113,7 +109,7 @@ fn negative(a: u64) -> u64 {
     if a == 0 { 0 } else { PRIME - a }
 }
 
-/// The inverse by Fermat's little theorem: `a^(p − 2)`.
+/// By Fermat's little theorem: `a^(p − 2)`.
 fn inverse(a: u64) -> u64 {
     let (mut power, mut result, mut exponent) = (a, 1, PRIME - 2);
     while exponent > 0 {
@@ -126,7 +122,7 @@ fn inverse(a: u64) -> u64 {
     result
 }
 
-/// The factorisation `A = Uᵀ·D⁻¹·U` of a symmetric matrix, with dependent columns left out.
+/// `A = Uᵀ·D⁻¹·U` of a symmetric matrix, without dependent columns.
 pub(crate) struct Elimination {
     size: usize,
     /// Rows of `U`, upper triangular; rows of dependent columns are zero.
@@ -136,8 +132,8 @@ pub(crate) struct Elimination {
 }
 
 impl Elimination {
-    /// Eliminates a symmetric matrix given by its rows. Columns keep their order, so a column counts as
-    /// dependent if it depends on earlier columns.
+    /// Eliminates a symmetric matrix given by rows. A column is dependent if it depends on earlier
+    /// columns.
     pub(crate) fn new(size: usize, mut rows: Vec<u64>) -> Self {
         let mut inverses = vec![0; size];
         let mut sums = vec![0u128; size];
@@ -174,12 +170,11 @@ impl Elimination {
         Self { size, rows, inverses }
     }
 
-    /// The columns that depend on earlier columns.
     pub(crate) fn dependent(&self) -> Vec<usize> {
         (0..self.size).filter(|&j| self.inverses[j] == 0).collect()
     }
 
-    /// The coefficients that combine the independent columns before `j` into column `j`.
+    /// Combines the independent columns before `j` into column `j`.
     pub(crate) fn combination(&self, j: usize) -> Vec<u64> {
         let mut shares = vec![0; j];
         for i in (0..j).rev() {
@@ -194,8 +189,8 @@ impl Elimination {
     }
 }
 
-/// Finds the fraction `n/d`, `|n| < 2³⁹`, `0 < d < 2²⁰`, that equals `value` modulo the prime. It is unique
-/// if it exists. Uses Euclid's algorithm stopped half way (Wang, SYMSAC 1981).
+/// The unique fraction `n/d`, `|n| < 2³⁹`, `0 < d < 2²⁰`, that equals `value` modulo the prime, if
+/// any: Euclid's algorithm stopped half way (Wang, SYMSAC 1981).
 pub(crate) fn fraction(value: u64) -> Option<(i64, i64)> {
     const NUMERATOR: i64 = 1 << 39;
     const DENOMINATOR: i64 = 1 << 20;

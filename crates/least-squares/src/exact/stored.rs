@@ -1,8 +1,6 @@
-//! The file format of exact sums.
-//!
-//! Sums from a file are checked for consistency: some rows must be able to produce them. A single changed
-//! digit of a sum can make a fit wrong or its equations unsolvable. The check cannot find every change, but
-//! it rejects all that would violate an assumption of later arithmetic.
+//! File format of exact sums. They are checked for consistency, that is, some rows can produce
+//! them: a changed digit could make a fit wrong or its equations unsolvable. The check cannot find
+//! every change, but rejects all that violate an assumption of later arithmetic.
 
 use num_bigint::{BigInt, Sign};
 use serde::de::Error;
@@ -17,8 +15,7 @@ use crate::model::{Basis, Model};
 use shell_data::by_axis;
 use shell_data::wrench::{Axes, Axis};
 
-/// [`ExactSums`] in file form. Integers are decimal strings, because they exceed the numbers that JSON
-/// readers accept.
+/// [`ExactSums`] in file form, with decimal strings for integers too large for JSON readers.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct StoredSums {
     /// The features that were summed.
@@ -44,11 +41,10 @@ pub struct StoredIntegers {
     pub values: Vec<String>,
 }
 
-/// Maximum number of digits of an integer. Products of two loads, which are doubles between 10⁻³⁰⁸ and 10¹⁵,
-/// need some 700.
+/// Products of two loads, doubles between 10⁻³⁰⁸ and 10¹⁵, need some 700 digits.
 const MAX_DIGITS: usize = 2_000;
 
-/// Checks the length of an integer, because parsing takes time quadratic in it.
+/// Checks the length, because parsing takes time quadratic in it.
 fn of_digits(text: &str) -> Result<&str, String> {
     match text.len() {
         0..=MAX_DIGITS => Ok(text),
@@ -56,7 +52,7 @@ fn of_digits(text: &str) -> Result<&str, String> {
     }
 }
 
-/// The positions of the pairs of some axes among the pairs of all axes, in the same order.
+/// Positions of the pairs of some axes among the pairs of all axes.
 fn pairs(axes: Axes) -> Vec<usize> {
     let of = |first: Axis| {
         let others = axes.iter().filter(move |second| second.index() >= first.index());
@@ -65,7 +61,7 @@ fn pairs(axes: Axes) -> Vec<usize> {
     axes.iter().flat_map(of).collect()
 }
 
-/// Converts the sums of the axes of the [document](by_axis) only.
+/// For the axes of the [document](by_axis) only.
 impl From<ExactSums> for StoredSums {
     fn from(moments: ExactSums) -> Self {
         let axes = by_axis::axes();
@@ -87,7 +83,7 @@ impl From<ExactSums> for StoredSums {
     }
 }
 
-/// Reads the sums of the axes of the [document](by_axis); the sums of other axes are zero.
+/// For the axes of the [document](by_axis); the sums of other axes are zero.
 impl TryFrom<StoredSums> for ExactSums {
     type Error = String;
 
@@ -164,8 +160,8 @@ impl<'de> Deserialize<'de> for ExactSums {
 }
 
 impl ExactSums {
-    /// Returns true if these can be the sums of some of the rows of `whole`. If not, subtracting them would
-    /// leave sums that no rows have.
+    /// Returns true if these can be sums of some of the rows of `whole`, so that they may be
+    /// subtracted.
     pub fn can_be_part_of(&self, whole: &ExactSums) -> bool {
         let within = |(part, whole): (&ChannelRange, &ChannelRange)| {
             let mut both = *whole;
@@ -175,7 +171,7 @@ impl ExactSums {
         let like = (self.basis, self.channels.len(), self.rows.min(whole.rows));
         like == (whole.basis, whole.channels.len(), self.rows)
             && self.channels.iter().zip(&whole.channels).all(within)
-            // The remaining ranges stay those of the whole, even with zero rows left.
+            // The remaining ranges stay those of the whole, even without rows.
             && (self.rows == whole.rows || whole.without(self).check_possible().is_ok())
     }
 

@@ -17,9 +17,8 @@ struct StoredRows {
     basis: Basis,
     rows: u64,
     scaling: Scaling,
-    /// The ranges of the channels.
     channels: Vec<ReadingRange>,
-    /// The upper triangular matrix, column by column.
+    /// Upper triangular.
     columns: Vec<Vec<f64>>,
 }
 
