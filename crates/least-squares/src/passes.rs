@@ -1,8 +1,7 @@
-//! Passes over rows in memory, on several threads.
-//!
-//! Threads take one block after another. Results of blocks are folded in block order, by whichever thread has
-//! finished the next one. Results that do not depend on order ([`Pass::ANY_ORDER`]) are summed in one state
-//! per thread and merged at the end. So the results have the same bits for any number of threads.
+//! Passes over rows in memory, on several threads, with the same bits for any number of them.
+//! Threads take one block after another; results are folded in block order, by whichever thread has
+//! finished the next one. Results that do not depend on order ([`Pass::ANY_ORDER`]) are summed in
+//! one state per thread and merged at the end.
 
 use std::collections::VecDeque;
 use std::panic::resume_unwind;
@@ -21,8 +20,8 @@ pub struct Workers<'a> {
     pub threads: usize,
     /// Called with the number of rows that a pass has just handled; returns false to cancel.
     pub watch: Option<&'a (dyn Fn(usize) -> bool + Sync)>,
-    /// Called with the number of completed folds of the physics model, or splits of a replay, and their total
-    /// number.
+    /// Called with the number of completed folds of the physics model, or splits of a replay, and
+    /// the total.
     pub folds: Option<&'a (dyn Fn(usize, usize) + Sync)>,
     /// Called at the start of each stage of a fit, with its name.
     pub stages: Option<&'a (dyn Fn(&'static str) + Sync)>,
@@ -41,7 +40,7 @@ impl Workers<'_> {
         }
     }
 
-    /// Reduces the number of threads to one if the blocks are too small for more.
+    /// Uses one thread if the blocks are too small for more.
     fn worth<'b>(self, blocks: impl Iterator<Item = &'b Block>) -> Self {
         let numbers = blocks.map(|block| block.rows * (block.readings.len() + 6)).sum::<usize>();
         let threads = if self.threads == 0 && numbers < WORTH_A_THREAD { 1 } else { self.threads };
@@ -58,11 +57,11 @@ impl std::fmt::Debug for Workers<'_> {
     }
 }
 
-/// The number of cores. Determined once, because the system reads several files for it.
+/// Determined once, because the system reads several files for it.
 static AVAILABLE_THREADS: LazyLock<usize> =
     LazyLock::new(|| std::thread::available_parallelism().map_or(1, usize::from));
 
-/// The number of values that one thread handles in the time that starting another thread takes.
+/// Values that one thread handles in the time that starting another takes.
 const WORTH_A_THREAD: usize = 1 << 16;
 
 /// Blocks that can be passed over repeatedly, always in the same order.
@@ -83,8 +82,8 @@ impl<'a> Rows<'a> {
         Self { blocks: blocks.into_iter().collect(), workers }
     }
 
-    /// Reduces every block and merges the results, in block order if the order matters. Every reduction
-    /// starts from `empty`, the result for zero rows.
+    /// Reduces every block from `empty` and merges the results, in block order if the order
+    /// matters.
     ///
     /// # Errors
     /// [`FitError`] if the pass rejects a block, or [`Workers::watch`] cancels it.
@@ -109,7 +108,7 @@ impl<'a> Rows<'a> {
     }
 }
 
-/// Splits blocks into runs of consecutive blocks. Each run except the last has at least `rows` rows.
+/// Runs of consecutive blocks, each except the last with at least `rows` rows.
 fn runs<'b>(blocks: &'b [&'b Block], rows: usize) -> Vec<&'b [&'b Block]> {
     let (mut runs, mut start, mut found) = (Vec::new(), 0, 0);
     for (at, block) in blocks.iter().enumerate() {
@@ -123,14 +122,12 @@ fn runs<'b>(blocks: &'b [&'b Block], rows: usize) -> Vec<&'b [&'b Block]> {
 }
 
 impl<'a> From<&'a [Block]> for Rows<'a> {
-    /// Uses one thread.
     fn from(blocks: &'a [Block]) -> Self {
         Self::from_blocks(blocks, Workers::ONE)
     }
 }
 
 impl<'a> From<&'a Block> for Rows<'a> {
-    /// Uses one thread.
     fn from(block: &'a Block) -> Self {
         Self::from(std::slice::from_ref(block))
     }
@@ -138,12 +135,11 @@ impl<'a> From<&'a Block> for Rows<'a> {
 
 /// The result of a pass over rows. It starts as the result for zero rows.
 pub trait Pass: Clone + Send + Sync {
-    /// True if `merge` is commutative and associative, bit for bit, so that the result does not depend on the
-    /// order and grouping of the rows.
+    /// True if `merge` is commutative and associative, bit for bit, whatever the order and grouping
+    /// of rows.
     const ANY_ORDER: bool = false;
 
-    /// Number of rows to reduce together if the order matters: a merge may cost as much as adding that many
-    /// rows.
+    /// Rows to reduce together if the order matters: a merge may cost as much as adding that many.
     fn rows_together(&self) -> usize {
         1
     }
@@ -161,8 +157,8 @@ pub trait Pass: Clone + Send + Sync {
     fn merge(&mut self, later: Self) -> Result<(), FitError>;
 }
 
-/// Passes every item to `work`, on as many threads as its rows justify; see [`on_threads`]. `rows_of` returns
-/// the block of an item.
+/// Passes every item to `work`, on as many threads as its rows justify; see [`on_threads`].
+/// `rows_of` returns the block of an item.
 ///
 /// # Errors
 /// The first error of `work` or `fold` in the order of the items; [`FitError::Interrupted`] if
@@ -212,8 +208,9 @@ pub fn map_folds<I: Sync, T: Send>(
     Ok(results)
 }
 
-/// Passes every item to `work`, on any thread, and the results to `fold`, in the order of the items. Reports
-/// the rows of each item to [`Workers::watch`]. Returns the states of the threads, created by `init`.
+/// Passes every item to `work`, on any thread, and the results to `fold`, in the order of the
+/// items. Reports the rows of each item to [`Workers::watch`]. Returns the states of the threads,
+/// created by `init`.
 pub fn on_threads<I: Sync, S: Send, T: Send>(
     items: &[I],
     rows_of: impl Fn(&I) -> usize + Sync,
@@ -223,8 +220,8 @@ pub fn on_threads<I: Sync, S: Send, T: Send>(
     fold: impl FnMut(T) -> Result<(), FitError> + Send,
 ) -> Result<Vec<S>, FitError> {
     let threads = match workers.threads {
-        // A browser has no other threads. With the constant condition, the code that starts them is not
-        // compiled.
+        // A browser has no other threads; with a constant condition, the code that starts them is
+        // not compiled.
         _ if cfg!(target_family = "wasm") => 1,
         0 => *AVAILABLE_THREADS,
         threads => threads,
@@ -241,7 +238,7 @@ pub fn on_threads<I: Sync, S: Send, T: Send>(
                 let goes_on = workers.watch.is_none_or(|watch| watch(rows_of(item)));
                 if goes_on { Ok(value) } else { Err(FitError::Interrupted) }
             });
-            // A poisoned lock means that a thread has panicked; that panic is propagated.
+            // A poisoned lock means that a thread panicked; that panic is propagated.
             if !lock(&folded).add(position, result) {
                 return state;
             }
@@ -262,18 +259,18 @@ pub fn on_threads<I: Sync, S: Send, T: Send>(
     Ok(states)
 }
 
-/// Folds results in order that arrive in any order.
+/// Folds results, which arrive in any order, in order.
 struct OrderedFold<T, F> {
-    /// Position of the first result that is not yet folded.
+    /// First result that is not yet folded.
     next: usize,
-    /// The results from there on; `None` for those still missing.
+    /// From there on; `None` for those still missing.
     waiting: VecDeque<Option<Result<T, FitError>>>,
     fold: F,
     outcome: Result<(), FitError>,
 }
 
 impl<T, F: FnMut(T) -> Result<(), FitError>> OrderedFold<T, F> {
-    /// Adds the result of the item at a position; `false` if no further results are needed.
+    /// Returns false if no further results are needed.
     fn add(&mut self, position: usize, result: Result<T, FitError>) -> bool {
         let ahead = position - self.next;
         while self.waiting.len() <= ahead {

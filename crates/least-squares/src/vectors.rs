@@ -1,12 +1,12 @@
-//! Inner products and multiples of columns, compiled for the widest vectors of the machine, and products of a
-//! matrix with itself.
+//! Inner products and multiples of columns, compiled for the widest vectors of the machine, and
+//! products of a matrix with itself.
 
 use faer::linalg::matmul::triangular::{BlockStructure, matmul};
 use faer::{Accum, MatMut, MatRef, Par};
 
 use shell_data::vectorised;
 
-/// Number of parallel sums: enough to hide the latency of one addition.
+/// Enough parallel sums to hide the latency of one addition.
 const LANES: usize = 16;
 
 vectorised! {
@@ -32,7 +32,7 @@ vectorised! {
     }
 }
 
-/// Computes the lower triangle of `M·Mᵀ`, which replaces the content of `to` or is added to it.
+/// Replaces `to`, or adds to it.
 pub(crate) fn lower_product(to: MatMut<'_, f64>, add: Accum, m: MatRef<'_, f64>) {
     use BlockStructure::{Rectangular, TriangularLower};
     matmul(to, TriangularLower, add, m, Rectangular, m.transpose(), Rectangular, 1.0, Par::Seq);

@@ -1,8 +1,7 @@
-//! Householder QR of an R factor with rows below it.
-//!
-//! The QR of faer (0.24) is not used: it drops a column, and shifts the later rows, if the part of the column
-//! that is independent of earlier columns is less than 16·n·2⁻⁵² of its norm. With a thousand rows to a
-//! block, that is a silent loss of rank at a condition number of 10¹¹.
+//! Householder QR of an R factor with rows below it. faer's QR (0.24) is not used: it drops a
+//! column, and shifts the later rows, if the part of the column that is independent of earlier ones
+//! is below 16·n·2⁻⁵² of its norm. With a thousand rows to a block, that is a silent loss of rank
+//! at a condition number of 10¹¹.
 
 use std::ops::Range;
 
@@ -12,13 +11,13 @@ use faer::{Accum, ColMut, ColRef, Mat, MatMut, Par};
 
 use crate::vectors::{add_multiple, dot};
 
-/// Bytes in a row block. Each reflector passes over the block, so it should fit in the L1 cache.
+/// Each reflector passes over the block, which should fit in the L1 cache.
 const BLOCK_BYTES: usize = 1 << 15;
 
-/// Bytes in a row block with many columns. Each panel passes over it once.
+/// With many columns, each panel passes over it once.
 const LARGE_BLOCK_BYTES: usize = 1 << 20;
 
-/// Number of columns whose reflectors are applied together.
+/// Columns whose reflectors are applied together.
 const PANEL: usize = 16;
 
 /// The R factor of the rows so far.
@@ -38,8 +37,7 @@ impl RFactor {
         Self { features, rows: 0, r: Mat::zeros(order, order) }
     }
 
-    /// The R factor of `rows` rows from an upper triangular matrix of order p + q, as [`RFactor::whole`]
-    /// returns it.
+    /// The R factor of `rows` rows from a matrix that [`RFactor::whole`] returned.
     ///
     /// # Panics
     /// If the matrix is not square, or its order is less than `features`.
@@ -59,19 +57,19 @@ impl RFactor {
     }
 }
 
-/// Working memory for factoring row blocks, reused from block to block.
+/// Reused from block to block.
 struct Workspace {
     rows: usize,
-    /// The rows of a block, column-major.
+    /// Column-major.
     block: Vec<f64>,
     /// `T` of a panel, [`PANEL`] × [`PANEL`].
     compact: Mat<f64>,
-    /// The update of later columns, 2·[`PANEL`] × order.
+    /// Of later columns, 2·[`PANEL`] × order.
     update: Mat<f64>,
 }
 
 impl RFactor {
-    /// Number of rows in a block that fits in the cache.
+    /// As many as fit in the cache.
     pub(crate) fn block_rows(&self) -> usize {
         let order = self.r.ncols();
         let rows_of = |bytes| bytes / (8 * order.max(1));
@@ -79,10 +77,9 @@ impl RFactor {
         rows_of(BLOCK_BYTES).max(rows).max(1)
     }
 
-    /// Adds `rows` rows, in blocks that fit in the cache.
-    ///
-    /// `fill` receives the range of rows of a block and the columns of `[X | Y]`, column `j` at
-    /// `[j·stride ..][..rows.len()]`, and must write all elements.
+    /// Adds `rows` rows, in blocks that fit in the cache. `fill` receives the range of rows of a
+    /// block and the columns of `[X | Y]`, column `j` at `[j·stride ..][..rows.len()]`, and must
+    /// write all elements.
     pub fn absorb(&mut self, rows: usize, mut fill: impl FnMut(Range<usize>, &mut [f64], usize)) {
         let mut workspace = Workspace::new(self.block_rows(), self.r.ncols());
         for start in (0..rows).step_by(workspace.rows) {
@@ -103,13 +100,13 @@ impl RFactor {
         if self.rows == 0 {
             self.clone_from(later);
         } else if later.rows > 0 {
-            // In an R factor, the first `end` columns are zero below row `end`.
+            // The first `end` columns of an R factor are zero below row `end`.
             self.add_columns(self.r.nrows(), later.r.col_iter(), |end| end);
             self.rows += later.rows;
         }
     }
 
-    /// The R factor of matrices that have at most as many rows as columns.
+    /// For at most as many rows as columns.
     pub(crate) fn from_rows(x: &Mat<f64>, y: &Mat<f64>) -> Self {
         let mut r_factor = Self::new(x.ncols(), y.ncols());
         let height = x.nrows();
@@ -118,7 +115,7 @@ impl RFactor {
         r_factor
     }
 
-    /// Factors the R factor with columns of `height` rows below it; see [`RFactor::factor_below`].
+    /// With columns of `height` rows below it; see [`RFactor::factor_below`].
     fn add_columns<'a>(
         &mut self,
         height: usize,
@@ -132,13 +129,12 @@ impl RFactor {
         self.factor_below(rows, &mut workspace);
     }
 
-    /// Factors the R factor with the rows of the workspace below it. The first `end` columns are zero after
-    /// the first `rows(end)` of those rows.
-    ///
-    /// Column `k` of that stack has a diagonal element, zeros, and a column of the block. So its reflector is
-    /// one on row `k` of the R factor, zero on the other rows, and `v` on the block. The product of the
-    /// reflectors of a panel is `I − V·T·Vᵀ`, with an identity on top of `V` (the compact form of Schreiber
-    /// and Van Loan, SIAM J. Sci. Stat. Comput. 10, 1989).
+    /// Factors the R factor with the rows of the workspace below it. The first `end` columns are
+    /// zero after the first `rows(end)` of those rows. Column `k` of that stack has a diagonal
+    /// element, zeros, and a column of the block, so its reflector is one on row `k` of the R
+    /// factor, zero on the other rows, and `v` on the block. The product of the reflectors of a
+    /// panel is `I − V·T·Vᵀ`, with an identity on top of `V` (the compact form of Schreiber and Van
+    /// Loan, SIAM J. Sci. Stat. Comput. 10, 1989).
     fn factor_below(&mut self, rows: impl Fn(usize) -> usize, workspace: &mut Workspace) {
         let order = self.r.nrows();
         let Workspace { rows: stride, block, compact, update, .. } = workspace;
@@ -151,7 +147,7 @@ impl RFactor {
             if end == order {
                 break;
             }
-            // Later columns become R − Tᵀ·W and B − V·Tᵀ·W, where W = R + Vᵀ·B.
+            // Later columns become R − Tᵀ·W and B − V·Tᵀ·W, with W = R + Vᵀ·B.
             let (width, count) = (end - start, order - end);
             let panel = panel.rb();
             let compact = compact.as_ref().submatrix(0, 0, width, width);
@@ -168,8 +164,8 @@ impl RFactor {
         }
     }
 
-    /// Factors the columns of a panel, from column `start` of the stack on. Replaces them with the reflectors
-    /// and writes `T` to `compact`.
+    /// Factors a panel, from column `start` of the stack on, into its reflectors; writes `T` to
+    /// `compact`.
     fn factor_panel(&mut self, start: usize, mut panel: MatMut<'_, f64>, compact: &mut Mat<f64>) {
         let width = panel.ncols();
         for k in 0..width {
@@ -222,7 +218,7 @@ impl Workspace {
     }
 }
 
-/// The elements of a column, which are contiguous in every matrix here.
+/// Columns are contiguous in every matrix here.
 #[inline(always)]
 pub(super) fn contiguous(column: ColRef<'_, f64>) -> &[f64] {
     column.try_as_col_major().expect("a column of a column-major matrix").as_slice()

@@ -1,8 +1,7 @@
-//! Symmetric and triangular matrices with a fixed order of summation: the same bits on every machine.
-//!
-//! The results of faer depend on the vector width of the processor. Here vectors hold neighbouring elements
-//! of a row, and products are rounded, because WebAssembly has no fused multiply-add. (Golub & Van Loan, 4th
-//! ed., §§3.1, 4.2, 5.2 and 8.3.)
+//! Symmetric and triangular matrices with a fixed order of summation: the same bits on every
+//! machine, whereas faer's results depend on the vector width. Vectors hold neighbouring elements
+//! of a row, and products are rounded, because WebAssembly has no fused multiply-add. (Golub & Van
+//! Loan, 4th ed., §§3.1, 4.2, 5.2 and 8.3.)
 
 mod eigen;
 mod squares;
@@ -21,7 +20,6 @@ pub struct SymmetricMatrix {
     upper: Vec<f64>,
 }
 
-/// The position of the first element of a row of an upper triangle.
 fn first(size: usize, row: usize) -> usize {
     row * (2 * size + 1 - row) / 2
 }
@@ -158,8 +156,7 @@ impl UpperTriangle {
         self.0.row_mut(row)
     }
 
-    /// Computes `T` with `T·Tᵀ = MᵀM` from the rows of `M`, by Householder reflections of `M` with its
-    /// columns reversed.
+    /// Computes `T` with `T·Tᵀ = MᵀM` from the rows of `M`, by Householder reflections.
     pub fn root_of_squares(rows: &[Vec<f64>], size: usize) -> Self {
         let backwards = (0..size).rev();
         let mut columns: Vec<Vec<f64>> =
@@ -277,7 +274,7 @@ vectorised! {
         trace
     }
 
-    /// The columns are the columns of `M`, the last first.
+    /// Of `M`, the last first.
     fn root_of_columns(columns: &mut [Vec<f64>], rows: usize) -> UpperTriangle {
         let size = columns.len();
         for k in 0..size.min(rows) {
@@ -310,7 +307,7 @@ mod tests {
 
     use super::*;
 
-    /// `MᵀM + I` for a matrix of numbers up to 1. Its condition number is below 1 + size².
+    /// Numbers up to 1: the condition number is below 1 + size².
     fn positive(size: usize, numbers: &[f64]) -> SymmetricMatrix {
         let mut a = SymmetricMatrix::from_fn(size, |i, j| -f64::from(u8::from(i == j)));
         a.subtract_squares(&numbers.chunks(size).map(<[f64]>::to_vec).collect::<Vec<_>>());

@@ -1,6 +1,5 @@
-//! Subtraction of the squares `x·xᵀ` of vectors from a symmetric matrix.
-//!
-//! Takes four vectors at a time, in their order, independent of the size of the tiles.
+//! Subtraction of the squares `x·xᵀ` of vectors from a symmetric matrix, four at a time, in their
+//! order.
 
 use std::ops::Range;
 
@@ -9,19 +8,19 @@ use pulp::Simd;
 use super::SymmetricMatrix;
 use shell_data::vectorised;
 
-/// Number of columns and rows in a tile, which stays in registers while squares are subtracted.
+/// A tile stays in registers while squares are subtracted.
 const TILE_COLUMNS: usize = 8;
 const TILE_ROWS: usize = 4;
 
-/// Number of vectors packed together: as many as fit in the L1 cache.
+/// Packed together: as many as fit in the L1 cache.
 const VECTORS_AT_ONCE: usize = 64;
 
 vectorised! {
-    /// Subtracts `x·xᵀ` for each of `vectors`, whose length is the order of the matrix.
+    /// Vectors have the length of the matrix's order.
     pub(super) fn subtract_squares<S: Simd>(simd: S, from: &mut SymmetricMatrix, vectors: &[Vec<f64>]) {
         let bands = from.size.div_ceil(TILE_COLUMNS);
         let at_once = VECTORS_AT_ONCE.min(vectors.len()).max(1);
-        // Each band of columns contains that band of every vector, with zeros beyond the last column.
+        // A band of columns contains that band of every vector, with zeros beyond the last.
         let mut packed = vec![[0.0; TILE_COLUMNS]; bands * at_once];
         for of in vectors.chunks(at_once) {
             for (position, x) in of.iter().enumerate() {
@@ -89,14 +88,14 @@ fn subtract_from_tile<S: Simd>(
     }
 }
 
-/// The start of a tile. Elements below the diagonal or beyond the matrix are not used.
+/// Elements below the diagonal or beyond the matrix are not used.
 struct Tile {
     first_row: usize,
     first_column: usize,
 }
 
 impl Tile {
-    /// The rows of a tile that are stored, with their columns.
+    /// Rows that are stored, with their columns.
     #[inline(always)]
     fn rows(&self, size: usize) -> impl Iterator<Item = (usize, Range<usize>)> {
         let columns = self.first_column..(self.first_column + TILE_COLUMNS).min(size);

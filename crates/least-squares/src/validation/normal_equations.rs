@@ -1,15 +1,14 @@
 //! Held-out errors from the normal equations of each fold, for rows that cannot be summed exactly.
 //!
-//! Each fold is reduced to `[X | W]ᵀ[X | W]`. The sum over all other folds gives the normal equations of a
-//! fit without the fold, for any ridge. The errors of that fit on the fold come from the equations of the
-//! fold:
+//! Each fold is reduced to `[X | W]ᵀ[X | W]`. The sum over all other folds gives the normal
+//! equations of a fit without the fold, for any ridge, and the errors of that fit on the fold are
 //!
 //! ```text
 //! ‖X_f·C − W_f‖² = W_fᵀW_f − 2·Cᵀ·X_fᵀW_f + Cᵀ·X_fᵀX_f·C
 //! ```
 //!
-//! A choice needs errors with three digits. With columns scaled to norm one, condition numbers up to 10⁶
-//! leave that many. The final fit never uses this method.
+//! A choice needs errors with three digits, which condition numbers up to 10⁶, with columns scaled
+//! to norm one, leave. The final fit never uses this method.
 
 use std::collections::HashMap;
 
@@ -27,17 +26,17 @@ use crate::solver::ReadingSums;
 use crate::vectors::lower_product;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Families with more features than this are excluded from a choice: the covariance over groups of rows, with
-/// an eigenvalue problem for each group, would take minutes.
+/// Larger families are excluded from a choice: the covariance over groups, with an eigenvalue
+/// problem for each, would take minutes.
 const MOST_FEATURES: usize = 600;
 
-/// Number of rows whose features are computed together.
+/// Rows whose features are computed together.
 const CHUNK: usize = 1024;
 
-/// Squares of pivots below this, with columns of norm one, are rounding errors.
+/// Smaller squares of pivots, with columns of norm one, are rounding errors.
 const LEAST_PIVOT: f64 = 1e-13;
 
-/// The matrix `[X | W]ᵀ[X | W]` of some rows.
+/// `[X | W]ᵀ[X | W]`.
 #[derive(Clone, Debug)]
 struct NormalEquations {
     /// Number of columns of `X`.
@@ -48,7 +47,6 @@ struct NormalEquations {
 }
 
 impl NormalEquations {
-    /// Computes the normal equations of some rows.
     fn new(features: &Features, rows: &GroupedRows, runs: &[Run]) -> Self {
         let columns = features.len() + Axis::ALL.len();
         let mut products = Mat::zeros(columns, columns);
@@ -69,7 +67,7 @@ impl NormalEquations {
         Self { features: features.len(), rows: count(runs) as u64, products }
     }
 
-    /// The equations of the features at some positions.
+    /// Features at some positions.
     fn part(&self, positions: &[usize]) -> Self {
         let axes = self.features..self.features + Axis::ALL.len();
         let kept: Vec<usize> = positions.iter().copied().chain(axes).collect();
@@ -78,7 +76,6 @@ impl NormalEquations {
         Self { features: positions.len(), rows: self.rows, products }
     }
 
-    /// All rows but those of each fold.
     fn without_each(folds: &[Self]) -> Vec<Self> {
         let rows: u64 = folds.iter().map(|of| of.rows).sum();
         let products = sums_without_each(folds.iter().map(|of| &of.products));
@@ -98,8 +95,8 @@ impl NormalEquations {
         self.products.submatrix(0, self.features, self.features, Axis::ALL.len())
     }
 
-    /// The coefficients, features × 6, with a ridge on columns of norm one, except the column `free`; `None`
-    /// if the rows do not determine them.
+    /// Features × 6, with a ridge on columns of norm one, except the column `free`; `None` if the
+    /// rows do not determine them.
     fn solve(&self, ridge: f64, free: Option<usize>) -> Option<Mat<f64>> {
         let p = self.features;
         if self.rows < p as u64 && ridge == 0.0 || !self.products.is_all_finite() {
@@ -124,7 +121,7 @@ impl NormalEquations {
         Some(solved)
     }
 
-    /// The errors of coefficients on these rows. `ones` is the constant feature.
+    /// On these rows; `ones` is the constant feature.
     fn errors(&self, coefficients: MatRef<'_, f64>, ones: Option<usize>) -> PerAxis<HeldOutErrors> {
         let (p, explained) = (self.features, self.gram() * coefficients);
         std::array::from_fn(|axis| {
@@ -133,14 +130,14 @@ impl NormalEquations {
             let squares =
                 square - 2.0 * (own.transpose() * of) + own.transpose() * explained.col(axis);
             let sum = ones.map_or(0.0, |ones| explained[(ones, axis)] - of[ones]);
-            // Cancellation may leave a negative number, which is impossible for a sum of squares.
+            // Cancellation may leave a negative number.
             HeldOutErrors { rows: self.rows, sum, squares: squares.max(0.0) }
         })
     }
 }
 
-/// The sums of all matrices but each one. Nothing is subtracted, so a large one leaves no rounding errors in
-/// the sum without it.
+/// The sums of all matrices but each one. Nothing is subtracted, so a large one leaves no rounding
+/// errors.
 pub fn sums_without_each<'a>(
     parts: impl DoubleEndedIterator<Item = &'a Mat<f64>> + ExactSizeIterator + Clone,
 ) -> Vec<Mat<f64>> {
@@ -161,15 +158,15 @@ pub fn sums_without_each<'a>(
     sums
 }
 
-/// The positions of the terms of a model among those of another; `None` if that lacks some.
+/// Terms of a model among those of another; `None` if that lacks some.
 fn positions(part: &Model, whole: &Model) -> Option<Vec<usize>> {
     let places: HashMap<_, _> = whole.terms().into_iter().zip(0..).collect();
     part.terms().iter().map(|term| places.get(term).copied()).collect()
 }
 
-/// Compares the families of features by errors on each group of rows, held out in turn, each family with
-/// `ridges` (and larger ones, as [`select`](super::selection::select) does). `model` defines everything but
-/// the family. The equations of a family are part of those of a larger one with the same terms.
+/// Compares the families of features by errors on each group, held out in turn, each with `ridges`
+/// (and larger ones, as [`select`](super::selection::select) does). `model` defines everything but
+/// the family.
 ///
 /// # Errors
 /// [`FitError`] if there are too few groups, a row is not finite, or no model can be fitted.
@@ -187,7 +184,8 @@ pub fn select(
     let scaling = sums.scaling(model.intercept);
     let model = |basis| Model { basis, ..model };
     let families = Basis::ALL.map(model).into_iter().filter(|of| of.term_count() <= MOST_FEATURES);
-    // From the largest on, each family that is not part of an earlier one.
+    // From the largest on; the equations of a family are part of those of a larger one with its
+    // terms.
     let mut summed: Vec<(Model, Vec<NormalEquations>)> = Vec::new();
     for family in families.rev() {
         if summed.iter().all(|(larger, _)| positions(&family, larger).is_none()) {
