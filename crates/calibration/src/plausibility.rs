@@ -1,26 +1,24 @@
-//! Check that a calibration is plausible: its centre lies near its training readings, and the forces over
-//! their range are finite and physically possible.
-//!
-//! The check finds damaged files and mistyped numbers, not poor fits.
+//! Check that a calibration is plausible: its centre lies near its training readings, and the
+//! forces over their range are finite and physically possible. It finds damaged files and mistyped
+//! numbers, not poor fits.
 
 use shell_data::wrench::{Axis, PerAxis};
 
 use crate::conversion::Calibration;
 use least_squares::reading_ranges::ReadingRange;
 
-/// Largest plausible force, in N or N·m, unless the training loads imply a larger one.
+/// In N or N·m, unless the training loads imply a larger one.
 const LARGEST_FORCE: f64 = 1e15;
 
-/// Largest plausible ratio of a force at a corner of the training range to the largest training load.
-/// Channels that move together give coefficients that cancel only near the training data.
+/// Largest plausible ratio of a force at a corner of the training range to the largest training
+/// load. Channels that move together give coefficients that cancel only near the training data.
 const TIMES_LOAD: f64 = 1e12;
 
-/// Largest plausible distance of the centre from the training range, in widths of that range: dropped
+/// Largest plausible distance of the centre from the training range, in its widths: dropped
 /// outliers move the centre.
 const WIDTHS: f64 = 1e3;
 
-/// Number of channels up to which all corners are checked; with more, only corners where all channels but one
-/// agree.
+/// With more channels, only the corners where all channels but one agree are checked.
 const CORNER_CHANNELS: usize = 8;
 
 /// An implausible value in a calibration.
@@ -51,8 +49,8 @@ pub enum Implausible {
 }
 
 impl Calibration {
-    /// Checks that centres and forces are plausible over the range of the training data, if that is known.
-    /// `largest_load` is the largest magnitude of the training loads, N or N·m.
+    /// Checks centres and forces over the training range, if known. `largest_load` is the largest
+    /// training load, N or N·m.
     ///
     /// # Errors
     /// The first [`Implausible`].
@@ -62,7 +60,7 @@ impl Calibration {
             for (at, (&centre, range)) in polynomial.scaling().centre.iter().zip(ranges).enumerate()
             {
                 let ReadingRange { min, max } = *range;
-                // The width is at least one count.
+                // At least one count.
                 let reach = WIDTHS * (max - min).max(1.0);
                 if !(min - reach..=max + reach).contains(&centre) {
                     return Err(Implausible::Centre { channel: at + 1, centre, min, max });
@@ -82,7 +80,7 @@ impl Calibration {
     }
 }
 
-/// Corners of the box of training readings, one column for each channel.
+/// Of the box of training readings, one column for each channel.
 fn corners(ranges: &[ReadingRange]) -> Vec<Vec<f64>> {
     let channels = ranges.len();
     let has_all = channels <= CORNER_CHANNELS;

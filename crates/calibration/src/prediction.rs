@@ -20,8 +20,8 @@ pub struct Tare {
     pub features: Vec<f64>,
     /// Mean wrench of the frames, N and N·m, to be subtracted.
     pub wrench: PerAxis<f64>,
-    /// Mean variance of a physics model's error at the pose of the frames, squares of N and N·m, which does
-    /// not fall with more frames. Zero for a polynomial, where the features give it.
+    /// Mean variance of a physics model's error at the pose of the frames, squares of N and N·m,
+    /// which does not fall with more frames. Zero for a polynomial, where the features give it.
     pub variance: PerAxis<f64>,
 }
 
@@ -80,14 +80,14 @@ impl Calibration {
         }
     }
 
-    /// Standard error of every row and axis, N and N·m; see [`least_squares::uncertainty`] for the formulas.
-    /// If readings of a polynomial are outside the range of the training data, the difference between the
-    /// wrench there and at the end of the range is unconfirmed, and counts as a further 95 % error.
-    ///
-    /// `readings` has one column per channel, in counts. `None` if the calibration carries no covariance.
+    /// Standard error of every row and axis, N and N·m; see [`least_squares::uncertainty`]. Outside
+    /// the training range of a polynomial, the difference from the wrench at the end of the range
+    /// is unconfirmed, and counts as a further 95 % error. `readings` has one column per channel,
+    /// in counts. `None` without a covariance.
     ///
     /// # Panics
-    /// If `readings` does not have one column per channel of the model, or the columns differ in length.
+    /// If `readings` does not have one column per channel of the model, or the columns differ in
+    /// length.
     pub fn standard_errors(
         &self,
         readings: &[Vec<f64>],
@@ -111,7 +111,7 @@ impl Calibration {
 }
 
 impl Calibration {
-    /// Widens the standard errors of rows outside the range of the training data.
+    /// For rows outside the training range.
     fn widen_outside(&self, readings: &[Vec<f64>], errors: &mut PerAxis<Vec<f64>>) {
         let flags = self.out_of_range(readings);
         let outside: Vec<usize> = (0..flags.len()).filter(|&row| flags[row] != 0).collect();
@@ -137,20 +137,19 @@ impl Calibration {
     }
 }
 
-/// Reliability of some rows. Masks have bit `i` for channel `i`; they are empty if the model does not provide
-/// them.
+/// Reliability of some rows. Masks have bit `i` for channel `i`, and are empty if the model has
+/// none.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Trust {
     /// Standard errors, N and N·m.
     pub standard_errors: PerAxis<Vec<f64>>,
-    /// Channels on a plateau of their curve, which carry no information about the wrench.
+    /// Channels on a flat end of their curve, which carry no information about the wrench.
     pub insensitive: Vec<u64>,
-    /// Channels that the model left out: constant in its training data, not a number, or inconsistent with
-    /// all others.
+    /// Channels left out: constant in training, not a number, or inconsistent with all others.
     pub left_out: Vec<u64>,
 }
 
-/// Standard errors of differences from the tare: the errors of two poses are independent.
+/// Of differences from the tare: the errors of two poses are independent.
 fn tared(mut errors: PerAxis<Vec<f64>>, tare: Option<&Tare>) -> PerAxis<Vec<f64>> {
     if let Some(tare) = tare {
         for (column, variance) in errors.iter_mut().zip(tare.variance) {
@@ -233,7 +232,7 @@ mod tests {
     use least_squares::model::{Basis, Model};
     use least_squares::scaling::Scaling;
 
-    /// A straight line through one channel: the textbook case, with closed formulas.
+    /// The textbook case of one channel, with closed formulas.
     fn line(readings: &[f64]) -> (Calibration, f64, f64) {
         let n = readings.len() as f64;
         let mean = readings.iter().sum::<f64>() / n;

@@ -5,11 +5,10 @@
 //!                                                                                    terms, the wrench moved by the lag
 //! ```
 //!
-//! Later steps (choice of a model, its errors, intervals) use the resulting data set like any other. Both
-//! searches use one family of features, the largest that the number of rows supports, and the errors on
-//! held-out rows. A lag or a memory term is kept if it lowers these errors by more than one standard error of
-//! their difference between folds, and still does after the part of noise is subtracted: a filter is not a
-//! memory.
+//! Later steps (choice of a model, its errors, intervals) use this data set like any other. Both
+//! searches use the largest family of features that the number of rows supports. A lag or a memory
+//! term is kept if it lowers the errors on held-out rows by more than one standard error of their
+//! difference between folds, and still does without the part of noise: a filter is not a memory.
 
 mod equations;
 mod errors;
@@ -32,7 +31,7 @@ use least_squares::quality::{in_units, significant};
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// A step of the clock is a gap if it exceeds this many usual ones.
+/// Usual steps of the clock beyond which a step is a gap.
 const GAP_PERIODS: f64 = 10.0;
 
 /// Given lag and memory, s, or rows if logs have no clock. `None` requests a search.
@@ -103,8 +102,7 @@ pub enum NotSearched {
     Weights,
 }
 
-/// Finds the requested lag and memory. A refusal to search is a value, not an error, because the rows remain
-/// usable.
+/// Finds the requested lag and memory. A refusal to search is not an error: the rows remain usable.
 ///
 /// # Errors
 /// [`FitError::TimeConstant`] if a given time constant is not positive.
@@ -137,12 +135,11 @@ pub fn find(
     Ok(found.ok_or(NotSearched::FewRows))
 }
 
-/// Reason not to search in these rows, if there is one.
 fn refusal(data: &Dataset) -> Option<NotSearched> {
     if data.has_weights() {
         return Some(NotSearched::Weights);
     }
-    // Checked before poses, because shuffled loads may look like poses.
+    // Before poses: shuffled loads may look like them.
     let correlation = load_correlation(data, 1);
     if correlation < SHUFFLED_BELOW {
         return Some(NotSearched::Shuffled(correlation));
@@ -196,7 +193,7 @@ impl fmt::Display for Dynamics {
 }
 
 impl Gain {
-    /// Text such as `Fx 0.113 → 0.078 → 0.055 N, …`.
+    /// `Fx 0.113 → 0.078 → 0.055 N, …`.
     fn steps(&self, of: &Dynamics) -> String {
         let mut columns: Vec<&PerAxis<f64>> = vec![&self.plain];
         columns.extend(of.lag.map(|_| &self.with_lag));

@@ -1,12 +1,10 @@
 //! Rows for the search: some rows of the data set, in order, each with its history.
 //!
-//! # Noise of the readings in the wrench
-//!
-//! `s` and `s − EMA_τ(s)` for a few time constants combine to a filter. If loads move slowly, a filter that
-//! averages noise lowers the errors although the sensor has no memory, and its delay looks like a lag.
-//! Between rows, interpolation averages noise of the loads. The part of noise is therefore computed
-//! separately: with `g` the gradient of a wrench with respect to a reading, `d_k` the coefficients of its
-//! memory terms, and white noise of variance σ²,
+//! `s` and `s − EMA_τ(s)` for a few time constants combine to a filter. If loads move slowly, a
+//! filter that averages noise lowers the errors although the sensor has no memory, and its delay
+//! looks like a lag; interpolation between rows averages noise of the loads. The part of noise is
+//! therefore computed separately: with `g` the gradient of a wrench with respect to a reading,
+//! `d_k` the coefficients of its memory terms, and white noise of variance σ²,
 //!
 //! ```text
 //! σ²·(g² + 2·g·Σ d_k + Σ d_k·d_l·(1 + α_k·α_l/(1 − (1−α_k)·(1−α_l)))),   α = 1 − exp(−period/τ)
@@ -26,34 +24,33 @@ use shell_data::dataset::{Dataset, LogRows};
 use shell_data::statistics::upper_median;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Most rows that are read; the rest of longer recordings would add little.
+/// More rows of longer recordings would add little.
 const MOST_ROWS: usize = 200_000;
 
-/// Most rows on which errors are computed.
+/// Rows on which errors are computed.
 const MOST_USED: usize = 8_000;
 
 /// Fewest used rows for each feature.
 const ROWS_PER_FEATURE: usize = 10;
 
-/// Largest number of folds, and about the number of parts into which a few logs are divided.
+/// Most folds, and about the number of parts into which a few logs are divided.
 const FOLDS: usize = 10;
 
-/// Number of logs from which logs are not divided.
+/// From this number on, logs are not divided.
 const ENOUGH_LOGS: usize = 4;
 
-/// Most features of the searched family.
 const MOST_FEATURES: usize = 150;
 
-/// Part of a log that is read.
+/// A part of a log.
 struct LogPart<'a> {
-    /// Blocks with the readings; the last block may have more rows than the part.
+    /// The last block may have more rows than the part.
     blocks: Vec<&'a Block>,
     times: Vec<f64>,
     segments: Vec<Range<usize>>,
     wrench: PerAxis<Vec<f64>>,
-    /// Rows on which errors are computed.
+    /// For errors.
     used: Vec<usize>,
-    /// Ends of runs of rows with one label, in used rows; empty for rows without labels.
+    /// Runs of rows with one label, in used rows; empty without labels.
     group_ends: Vec<usize>,
 }
 
@@ -61,12 +58,12 @@ pub(super) struct SearchRows<'a> {
     logs: Vec<LogPart<'a>>,
     pub(super) clock: RowClock,
     channels: usize,
-    /// Used rows of each fold, numbered over all logs.
+    /// Numbered over all logs.
     pub(super) folds: Vec<Range<usize>>,
-    /// Features of the used rows; the last is constant if there is an intercept.
+    /// Of the used rows; the last is constant if there is an intercept.
     pub(super) features: Mat<f64>,
     pub(super) noise: ReadingNoise,
-    /// Variance of white noise on the loads, N² and (N·m)².
+    /// White noise, N² and (N·m)².
     load_noise: PerAxis<f64>,
     pub(super) has_intercept: bool,
 }
@@ -96,7 +93,7 @@ impl<'a> LogPart<'a> {
         Self { blocks, times, segments, wrench, used, group_ends }
     }
 
-    /// End of the group that ends nearest to a used row.
+    /// Nearest end of a group.
     fn cut_near(&self, row: usize) -> usize {
         let nearest = self.group_ends.iter().min_by_key(|end| end.abs_diff(row));
         nearest.copied().unwrap_or(row)
@@ -109,7 +106,7 @@ impl<'a> LogPart<'a> {
 }
 
 impl<'a> SearchRows<'a> {
-    /// Returns `None` if there are too few rows or folds, or if a value is not finite.
+    /// `None` if there are too few rows or folds, or a value is not finite.
     pub(super) fn new(data: &'a Dataset, clock: &RowClock, intercept: bool) -> Option<Self> {
         let channels = data.channels();
         let rows = usize::try_from(data.rows()).ok()?;
@@ -164,12 +161,11 @@ impl<'a> SearchRows<'a> {
         self.logs.iter().all(|log| !log.group_ends.is_empty())
     }
 
-    /// Number of used rows.
     pub(super) fn rows(&self) -> usize {
         self.features.nrows()
     }
 
-    /// Length of the longest stretch without a gap.
+    /// Longest time without a gap.
     pub(super) fn longest(&self) -> f64 {
         let spans = self.logs.iter().flat_map(|log| {
             log.segments.iter().map(|rows| log.times[rows.end - 1] - log.times[rows.start])
@@ -177,7 +173,7 @@ impl<'a> SearchRows<'a> {
         spans.fold(0.0, f64::max)
     }
 
-    /// Loads of the used rows (rows × 6), at times that are later by `by`.
+    /// Rows × 6, at times that are later by `by`.
     pub(super) fn loads(&self, by: f64) -> Mat<f64> {
         let mut loads = Mat::zeros(self.rows(), Axis::ALL.len());
         let mut start = 0;
@@ -194,13 +190,13 @@ impl<'a> SearchRows<'a> {
         loads
     }
 
-    /// Variance of the noise of these loads: interpolation between rows averages two of them.
+    /// Interpolation between rows averages the noise of two loads.
     pub(super) fn noise_of_loads(&self, by: f64) -> PerAxis<f64> {
         let share = (by / self.clock.period).rem_euclid(1.0);
         self.load_noise.map(|variance| variance * (share * share + (1.0 - share) * (1.0 - share)))
     }
 
-    /// Memory terms of a time constant (rows × channels).
+    /// Rows × channels.
     pub(super) fn memory_terms(&self, time_constant: f64) -> Mat<f64> {
         let memory = self.clock.memory(&[time_constant]).expect("a positive time constant");
         let (mut columns, mut start) = (Mat::zeros(self.rows(), self.channels), 0);
@@ -223,7 +219,7 @@ impl<'a> SearchRows<'a> {
     }
 }
 
-/// Ends of the runs of one label in the first `rows` of a log, counted in used rows.
+/// Runs of one label in the first `rows` of a log, counted in used rows.
 fn group_ends(log: &LogRows, rows: usize, every: usize) -> Vec<usize> {
     let runs = log.blocks.iter().flat_map(|block| &*block.labels);
     let mut ends: Vec<(&str, usize)> = Vec::new();
@@ -237,8 +233,8 @@ fn group_ends(log: &LogRows, rows: usize, every: usize) -> Vec<usize> {
     ends.iter().map(|(_, end)| (*end.min(&rows)).div_ceil(every)).collect()
 }
 
-/// Divides the used rows into folds. A few logs are cut into parts of about equal length that contain whole
-/// groups; neighbouring parts or logs are combined if there are many.
+/// A few logs are cut into parts of about equal length that contain whole groups; many neighbouring
+/// parts or logs are combined.
 fn folds(logs: &[LogPart<'_>]) -> Vec<Range<usize>> {
     let parts = match logs.len() {
         ENOUGH_LOGS.. => 1,
@@ -251,7 +247,7 @@ fn folds(logs: &[LogPart<'_>]) -> Vec<Range<usize>> {
         ends.extend((1..=parts).map(|part| start + cut(part)));
         start += rows;
     }
-    // Removes parts without rows.
+    // Parts without rows.
     ends.dedup();
     let count = ends.len() - 1;
     let folds = count.min(FOLDS);
@@ -262,17 +258,17 @@ fn folds(logs: &[LogPart<'_>]) -> Vec<Range<usize>> {
 /// Approximate number of rows for the gradients.
 const GRADIENT_ROWS: usize = 400;
 
-/// `Σ c²` of the fourth difference, `c` = 1, −4, 6, −4, 1, which removes everything that is smooth over five
-/// rows.
+/// `Σ c²` of the fourth difference, `c` = 1, −4, 6, −4, 1, which removes everything that is smooth
+/// over five rows.
 const DIFFERENCE_GAIN: f64 = 70.0;
 
-/// Differences beyond this many times their median are jumps.
+/// Differences beyond this many medians are jumps.
 const JUMP: f64 = 8.0;
 
-/// A row that comes later than this many periods follows a missing row.
+/// A row later than this many periods follows a missing row.
 const MISSING_PERIODS: f64 = 1.5;
 
-/// Noise of the readings, and gradients of the features with respect to them.
+/// With gradients of the features with respect to the readings.
 pub(super) struct ReadingNoise {
     period: f64,
     channels: Vec<ChannelNoise>,
@@ -280,15 +276,14 @@ pub(super) struct ReadingNoise {
 
 struct ChannelNoise {
     variance: f64,
-    /// Features with a gradient.
+    /// With a gradient.
     features: Vec<usize>,
-    /// Their gradients: the means of products of two, and the mean of each.
+    /// Of the gradients: the means of products of two, and of each.
     products: Mat<f64>,
     means: Vec<f64>,
 }
 
 impl ReadingNoise {
-    /// Computes the gradients. `variances` are the noise variances of the channels of `readings`.
     pub(super) fn new(
         features: &Features,
         readings: &[Vec<f64>],
@@ -330,8 +325,8 @@ impl ReadingNoise {
         Self { period, channels: channels.collect() }
     }
 
-    /// Variance of each axis due to this noise, N² and (N·m)². `features` are the coefficients of the
-    /// features; `terms` those of the memory terms, channel by channel for each time constant.
+    /// Variance of each axis due to this noise, N² and (N·m)², from the coefficients of the
+    /// features and of the memory terms, channel by channel for each time constant.
     pub(super) fn of_wrench(
         &self,
         features: &Mat<f64>,
@@ -364,8 +359,8 @@ impl ReadingNoise {
     }
 }
 
-/// Variance of white noise on the columns of several logs, each with its times, from fourth differences over
-/// rows at equal distances. 0 if there are none.
+/// White noise on the columns of several logs, from fourth differences over rows at equal
+/// distances; 0 without any.
 pub(super) fn variance<'a>(
     logs: impl Iterator<Item = (&'a [f64], impl AsRef<[f64]>)>,
     period: f64,

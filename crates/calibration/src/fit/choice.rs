@@ -1,4 +1,4 @@
-//! The choice of the model before the fit, with its held-out errors and the groups within which errors are
+//! Choice of the model before the fit, with held-out errors and the groups within which errors are
 //! alike.
 
 use std::ops::Range;
@@ -24,37 +24,34 @@ use least_squares::validation::grouped::{Apart, SumsByGroup};
 use least_squares::validation::selection::{self, Advice, Selection};
 use shell_data::dataset::{Dataset, RowSet};
 
-/// Minimum number of groups for standard errors by group, unless these are requested explicitly.
+/// Fewest groups for standard errors that are not requested explicitly.
 const FEWEST_GROUPS: usize = 10;
 
-/// The model to fit, and the results that are known before the fit.
+/// A model, and results that are known before its fit.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ModelChoice {
-    /// The family of features.
     pub(super) basis: Basis,
-    /// λ of the ridge.
+    /// Of the ridge.
     pub(super) ridge: f64,
-    /// The choice of the family, if it was chosen.
     pub(super) selection: Option<Selection>,
-    /// Held-out errors, if they were requested or the model was chosen by them.
+    /// If requested, or if the model was chosen by them.
     pub(super) cross_validation: Option<CrossValidation>,
     /// Advice from the choice or the held-out errors.
     pub(super) advice: Option<Advice>,
-    /// The sums of the training rows by held-out group, if they were computed.
+    /// Of the training rows by held-out group, if computed.
     pub(super) sums: Option<GroupedSums>,
-    /// Sums for the covariance by group, if `sums` do not suit the solver or the groups.
+    /// For the covariance, if `sums` do not suit the solver or the groups.
     pub(super) own_sums: Option<GroupedSums>,
-    /// The groups that the covariance holds out together, if they are blocks of time.
+    /// Groups that the covariance holds out together, if they are blocks of time.
     pub(super) stretches: Option<Vec<Range<usize>>>,
-    /// The definition of the groups.
     pub(super) group_by: Option<GroupBy>,
-    /// The rows used, with the labels of these groups.
+    /// The rows used, labelled by these groups.
     pub(super) labelled: Option<Dataset>,
-    /// True if the covariance is to come from the groups.
+    /// The covariance is to come from the groups.
     pub(super) by_group: bool,
-    /// Why it cannot come from the groups, although there are some.
+    /// Why it cannot, although there are some.
     pub(super) not_grouped: Option<FitError>,
-    /// Why there should be no covariance at all, unless it is requested explicitly.
+    /// Why there should be no covariance, unless it is requested explicitly.
     pub(super) few_groups: Option<FewGroups>,
 }
 
@@ -69,16 +66,15 @@ impl ModelChoice {
         self.own_sums.as_ref().or(self.sums.as_ref())
     }
 
-    /// The groups that were found, if none were given.
     pub(super) fn found_groups(&self) -> Option<FoundGroups> {
         let are_sums = self.covariance_sums().is_some_and(|sums| !sums.are_rows());
         let is_used = are_sums || self.sums.is_some() || self.cross_validation.is_some();
         self.group_by.as_ref().filter(|_| is_used)?.found()
     }
 
-    /// Holds out each block of time alone for the covariance, if the groups of `sums` are such blocks and
-    /// have, on average, at least half as many rows as the model has features. Each then adds little to the
-    /// scatter of all.
+    /// Holds out each block of time alone for the covariance, if the groups of `sums` are such
+    /// blocks and have, on average, at least half as many rows as the model has features: each then
+    /// adds little to the scatter.
     fn set_stretches(&mut self, sums: &GroupedSums, model: &Model) {
         let groups = sums.groups();
         let are_long = 2 * sums.rows() >= (groups * model.term_count()) as u64;
@@ -87,7 +83,7 @@ impl ModelChoice {
         self.stretches = (are_long && are_stretches).then(each_alone);
     }
 
-    /// Returns the warnings about missing standard errors by group, for the reasons known here and to the fit
+    /// Warnings about missing standard errors by group, for the reasons known here and to the fit
     /// (`not_grouped`).
     ///
     /// # Errors
@@ -108,8 +104,8 @@ impl ModelChoice {
     }
 }
 
-/// The rows and the options of a fit. Groups are found in all training rows; the rows to use are selected
-/// after all are labelled.
+/// Rows and options of a fit. Groups are found in all training rows, before the rows to use are
+/// selected.
 #[derive(Clone, Copy)]
 pub(super) struct FitInput<'a> {
     pub(super) train: &'a Dataset,
@@ -123,7 +119,7 @@ impl FitInput<'_> {
         self.train.select(self.options.fresh, self.excluded)
     }
 
-    /// The training rows to use, labelled by the groups that can be held out.
+    /// Training rows to use, labelled by the groups that can be held out.
     pub(super) fn labelled(&self, held_out: HeldOut) -> Option<(GroupBy, Dataset)> {
         self.select(label_groups(self.train, held_out))
     }
@@ -193,17 +189,17 @@ pub(super) fn choose(input: FitInput<'_>) -> Result<ModelChoice, FitError> {
 }
 
 impl FitOptions<'_> {
-    /// Returns true if the options need groups to hold out.
+    /// True if the options need groups to hold out.
     pub(super) fn validates(&self) -> bool {
         self.basis().is_none() || self.cross_validation.is_some()
     }
 
-    /// The groups to find held-out errors on, if any: a model that is chosen is also judged.
+    /// Groups for held-out errors, if any: a chosen model is also judged.
     pub(super) fn validation(&self) -> Option<HeldOut> {
         self.cross_validation.or_else(|| (self.model == ModelRule::Auto).then_some(HeldOut::Auto))
     }
 
-    /// The groups to hold out: always those of a column in a fit to means, unless folds are requested.
+    /// Always those of a column in a fit to means, unless folds are requested.
     pub(super) fn held_out(&self) -> HeldOut {
         match self.validation() {
             Some(HeldOut::Folds(folds)) => HeldOut::Folds(folds),
@@ -212,7 +208,7 @@ impl FitOptions<'_> {
         }
     }
 
-    /// The number of folds for held-out errors; `None` if each of the `groups` is held out alone.
+    /// `None` if each of the `groups` is held out alone.
     pub(super) fn folds(&self, groups: usize) -> Option<usize> {
         match self.cross_validation {
             Some(HeldOut::Folds(folds)) => Some(folds),
@@ -221,7 +217,7 @@ impl FitOptions<'_> {
         }
     }
 
-    /// The choice as far as the options determine it.
+    /// As far as the options determine it.
     pub(super) fn open(&self, group_by: Option<GroupBy>) -> ModelChoice {
         let by_group = match self.covariance {
             CovarianceRule::Groups => true,
@@ -239,9 +235,9 @@ impl FitOptions<'_> {
         }
     }
 
-    /// Chooses the family of features by folds of groups, on some rows of each group. Uses exact sums if they
-    /// are possible, regardless of the solver for the fit. Otherwise it also returns the errors on each fold,
-    /// unless rows were left out.
+    /// Chooses the family of features by folds of groups, on some rows of each, from exact sums if
+    /// possible, whatever the solver. Otherwise also returns the errors on each fold, unless rows
+    /// were left out.
     fn choose_family(
         &self,
         choice: &mut ModelChoice,
@@ -264,8 +260,7 @@ impl FitOptions<'_> {
         }
     }
 
-    /// The exact sums of the rows by group; `None` if the requested solver has no use for them, or the rows
-    /// cannot be summed exactly.
+    /// Exact sums by group; `None` if the solver has no use for them, or there are none.
     fn sum(&self, choice: &ModelChoice, rows: &Dataset) -> Result<Option<SumsByGroup>, FitError> {
         if self.basis().is_some() && self.solver != SolverKind::Exact {
             return Ok(None);
@@ -277,7 +272,7 @@ impl FitOptions<'_> {
         }
     }
 
-    /// Adds the errors and the advice from sums by group to a choice.
+    /// Adds errors and advice from sums by group.
     pub(super) fn decide(
         &self,
         mut choice: ModelChoice,
@@ -307,7 +302,7 @@ impl FitOptions<'_> {
         Model { basis, intercept: self.intercept, channels, memory }
     }
 
-    /// Chooses the family of features and the ridge by held-out groups.
+    /// Chooses family and ridge by held-out groups.
     pub(super) fn select(
         &self,
         choice: &mut ModelChoice,
@@ -323,8 +318,8 @@ impl FitOptions<'_> {
         if self.ridge > 0.0 { std::slice::from_ref(&self.ridge) } else { &selection::RIDGES }
     }
 
-    /// The R factors of labelled rows by group. Returns `None` and stores the reason in `choice` if the
-    /// groups do not allow them, which is an error only if standard errors by group are requested explicitly.
+    /// R factors by group. `None`, with the reason in `choice`, if the groups do not allow them,
+    /// which is an error only if standard errors by group are requested explicitly.
     fn factor_groups(
         &self,
         choice: &mut ModelChoice,
@@ -345,7 +340,7 @@ impl FitOptions<'_> {
         }
     }
 
-    /// Takes standard errors and intervals from blocks of time in the files, if files of motion were held out.
+    /// From blocks of time in the files, if files of motion were held out.
     fn sum_stretches_of_files(&self, choice: &mut ModelChoice) -> Result<(), FitError> {
         let is_served = self.validates()
             && self.covariance == CovarianceRule::Auto
@@ -363,7 +358,7 @@ impl FitOptions<'_> {
         Ok(())
     }
 
-    /// Keeps the sums or rows for the solver's standard errors by group, if it cannot use the sums of the
+    /// Keeps sums or rows for the solver's standard errors, if it cannot use the sums of the
     /// held-out groups.
     fn sum_for_solver(&self, choice: &mut ModelChoice, rows: &Dataset) -> Result<(), FitError> {
         let own_sums = match self.solver {
@@ -379,7 +374,7 @@ impl FitOptions<'_> {
         Ok(())
     }
 
-    /// Tests whether this number of groups can show the scatter of the coefficients of `model`.
+    /// Tests if so many groups can show the scatter of the coefficients of `model`.
     fn test_group_count(&self, choice: &mut ModelChoice, model: &Model, groups: usize) {
         // A few groups say little about how groups scatter.
         choice.by_group &= self.covariance != CovarianceRule::Auto || groups >= FEWEST_GROUPS;

@@ -1,25 +1,25 @@
-//! Cures for a reference that disagrees with a calibration: axes exchanged, turned or mirrored, signs, units,
-//! a zero, a delay.
+//! Cures for a reference that disagrees with a calibration: axes exchanged, turned or mirrored,
+//! signs, units, a zero, a delay.
 //!
-//! A signed permutation with a scale and a zero can be tested without the rows. It takes only the products of
-//! predicted and measured axes about their means: with `k` a sign times a scale, the mean squared error is
-//! `⟨(p − k·w)²⟩ = ⟨p²⟩ − 2k⟨pw⟩ + k²⟨w²⟩`, plus `(p̄ − k·w̄)²` unless a zero is subtracted. All 48 turns and
-//! mirrors of forces and of moments, in every unit, therefore cost almost no time.
+//! A signed permutation with a scale and a zero takes only the products of predicted and measured
+//! axes about their means: with `k` a sign times a scale, the mean squared error is
+//! `⟨(p − k·w)²⟩ = ⟨p²⟩ − 2k⟨pw⟩ + k²⟨w²⟩`, plus `(p̄ − k·w̄)²` unless a zero is subtracted. All 48
+//! turns and mirrors of forces and of moments, in every unit, therefore cost almost no time.
 
 use least_squares::quality::significant;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// Minimum factor by which a cure reduces the error of the worst axis.
+/// Least factor by which a cure reduces the error of the worst axis.
 const SMALLER: f64 = 3.0;
 
-/// Maximum share of the squares of the loads that remains as error after a cure: in large units, even a
+/// Largest error after a cure, as a share of the squares of the loads: in large units, even a
 /// reference of noise has small errors.
 const MOST_LEFT: f64 = 0.3;
 
-/// Maximum ratio of errors after a cure to those after the best cure, for both to count as equally good.
+/// Largest ratio of errors to those of the best cure for both to be equally good.
 const AS_GOOD: f64 = 1.15;
 
-/// Factors from a recorded force to N, and from a recorded moment to N·m, with their descriptions.
+/// To N and N·m.
 const FORCE_SCALES: [(f64, &str); 6] = [
     (1e-3, "dividing forces by 1000 (mN)"),
     (1e3, "multiplying forces by 1000 (kN)"),
@@ -37,19 +37,18 @@ const MOMENT_SCALES: [(f64, &str); 6] = [
     (9.806_65, "converting moments from kgf·m"),
 ];
 
-/// Longest delay that is tried, in rows.
+/// In rows.
 const LONGEST_DELAY: usize = 64;
 
-/// A change of the reference or of the readings after which errors beyond their limits are far smaller.
+/// A change of reference or readings after which errors beyond their limits are far smaller.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Cure {
-    /// The change, as in "exchanging Fx and Fy".
+    /// As in "exchanging Fx and Fy".
     pub(super) change: String,
-    /// The axis with the largest improvement.
+    /// With the largest improvement.
     pub(super) axis: Axis,
-    /// Its root mean square error before and after, N or N·m.
+    /// Before and after it, N or N·m.
     pub(super) rms: [f64; 2],
-    /// True if a zero is subtracted.
     pub(super) is_zero: bool,
 }
 
@@ -70,8 +69,8 @@ impl Cure {
         })
     }
 
-    /// Returns the change as a cure if it reduces the errors enough, to a small share of the `loads`, which
-    /// are root mean squares.
+    /// The change, if it reduces the errors enough, to a small share of the `loads` (root mean
+    /// squares).
     pub(super) fn if_cured(
         change: String,
         axes: Axes,
@@ -91,7 +90,7 @@ impl Cure {
     }
 }
 
-/// The largest error in units of the limits.
+/// In units of the limits.
 fn worst(errors: &PerAxis<f64>, limit: &PerAxis<f64>, axes: Axes) -> f64 {
     let ratio = |axis: Axis| errors[axis.index()] / limit[axis.index()].max(f64::MIN_POSITIVE);
     axes.iter().map(ratio).fold(0.0, f64::max)
@@ -105,27 +104,25 @@ impl std::fmt::Display for Cure {
     }
 }
 
-/// Means of predicted and measured wrenches, and mean products of the deviations from these.
+/// Means of predicted and measured wrenches, and mean products of deviations.
 #[derive(Clone, Debug, Default)]
 pub(super) struct WrenchProducts {
     rows: f64,
-    /// Means of the predicted and of the measured axes.
+    /// Of the predicted and of the measured axes.
     means: [PerAxis<f64>; 2],
     predicted: PerAxis<f64>,
     measured: PerAxis<f64>,
-    /// Products of a predicted axis (first index) and a measured one.
+    /// A predicted axis (first index) and a measured one.
     both: PerAxis<PerAxis<f64>>,
 }
 
-/// The source of an axis in the reference: `sign · scale` times the axis `from`, minus a zero if one is
-/// subtracted.
+/// Source of an axis: `sign · scale` times the axis `from` of the reference, minus any zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Reading {
     from: usize,
     sign: f64,
 }
 
-/// The change of the three axes of forces or of moments.
 #[derive(Clone, Debug)]
 struct BlockChange {
     axes: [Reading; 3],
@@ -134,7 +131,7 @@ struct BlockChange {
 }
 
 impl WrenchProducts {
-    /// Computes them from six columns of predicted and six of measured values.
+    /// From six columns of predicted and six of measured values.
     pub(super) fn new(predicted: &PerAxis<Vec<f64>>, measured: &[Vec<f64>]) -> Self {
         let rows = predicted[0].len();
         let count = rows.max(1) as f64;
@@ -157,7 +154,7 @@ impl WrenchProducts {
         }
     }
 
-    /// The root mean square error of an axis that is read from the reference as `of` says.
+    /// Of an axis that is read as `of` says.
     fn rms(&self, axis: usize, of: Reading, scale: f64, zero: bool) -> f64 {
         let k = of.sign * scale;
         let about_means = self.predicted[axis] - 2.0 * k * self.both[axis][of.from]
@@ -166,12 +163,10 @@ impl WrenchProducts {
         (about_means.max(0.0) + if zero { 0.0 } else { off * off }).sqrt()
     }
 
-    /// Root mean squares of the measured axes.
     pub(super) fn loads(&self) -> PerAxis<f64> {
         std::array::from_fn(|axis| (self.measured[axis] + self.means[1][axis].powi(2)).sqrt())
     }
 
-    /// The root mean square errors without a change.
     pub(super) fn plain(&self) -> PerAxis<f64> {
         std::array::from_fn(|axis| self.rms(axis, Reading { from: axis, sign: 1.0 }, 1.0, false))
     }
@@ -181,7 +176,7 @@ impl WrenchProducts {
         std::array::from_fn(|at| self.rms(3 * block + at, axes[at], scale.0, *zero))
     }
 
-    /// Returns true if the errors after a change are a small share of the loads.
+    /// True if the errors after a change are a small share of the loads.
     fn explains(&self, block: usize, change: &BlockChange) -> bool {
         let left: f64 = self.of_block(block, change).iter().map(|rms| rms * rms).sum();
         let load = |of: &Reading| {
@@ -191,7 +186,7 @@ impl WrenchProducts {
         left <= MOST_LEFT * change.axes.iter().map(load).sum::<f64>()
     }
 
-    /// The simplest change after which errors beyond their limits are far smaller.
+    /// The simplest change after which errors are far smaller.
     pub(super) fn cure(&self, limit: &PerAxis<f64>, axes: Axes) -> Option<Cure> {
         if self.rows == 0.0 {
             return None;
@@ -225,7 +220,7 @@ impl WrenchProducts {
         Cure::new(words(&changes), axes, &before, &after).map(|cure| Cure { is_zero, ..cure })
     }
 
-    /// The exchange of one force with one moment, or of all forces with all moments, that cures the errors.
+    /// Exchange of one force with one moment, or of all, that cures the errors.
     fn across(&self, limit: &PerAxis<f64>, axes: Axes) -> Option<Cure> {
         let before = self.plain();
         let read = |order: [usize; 6]| -> PerAxis<f64> {
@@ -250,13 +245,12 @@ impl WrenchProducts {
     }
 }
 
-/// Returns true if errors, in units of their limits, are cured.
+/// In units of their limits.
 fn cures(before: f64, after: f64) -> bool {
     before > 1.0 && before > SMALLER * after
 }
 
-/// The simplest change that cures a block. A single change (exchanged axes and signs, a unit, or a zero)
-/// takes precedence over any two of these.
+/// A single change (exchanged axes and signs, a unit, or a zero) takes precedence over two.
 fn simplest(block: usize, now: f64, score: impl Fn(&BlockChange) -> f64) -> Option<BlockChange> {
     let none = (1.0, "");
     let scales = if block == 0 { FORCE_SCALES } else { MOMENT_SCALES };
@@ -270,7 +264,7 @@ fn simplest(block: usize, now: f64, score: impl Fn(&BlockChange) -> f64) -> Opti
     let mut double: Vec<BlockChange> = turned(none, true).skip(1).collect();
     double.extend(scales.into_iter().flat_map(|scale| turned(scale, false)));
     double.extend(unit(identity, true));
-    // Two changes together improve any reference somewhat, so they must bring the errors within the limits.
+    // Two changes improve any reference somewhat, so they must bring the errors within the limits.
     for (changes, most) in [(single, f64::INFINITY), (double, 1.0)] {
         let scored: Vec<(f64, BlockChange)> =
             changes.into_iter().map(|change| (score(&change), change)).collect();
@@ -284,7 +278,7 @@ fn simplest(block: usize, now: f64, score: impl Fn(&BlockChange) -> f64) -> Opti
     None
 }
 
-/// All 48 turns and mirrors of the axes of a block, in order of increasing change.
+/// All 48 of a block, in order of increasing change.
 fn signed_permutations(block: usize) -> impl Iterator<Item = [Reading; 3]> {
     const ORDERS: [[usize; 3]; 6] =
         [[0, 1, 2], [1, 0, 2], [0, 2, 1], [2, 1, 0], [1, 2, 0], [2, 0, 1]];
@@ -355,7 +349,7 @@ fn determinant(axes: &Signed) -> f64 {
     axes.iter().map(|(_, sign)| sign).product::<f64>() * parity
 }
 
-/// Describes a turn or a mirror of the frame.
+/// A turn or a mirror of the frame, in words.
 fn frame(axes: &Signed) -> String {
     const NAMES: [&str; 3] = ["x", "y", "z"];
     let kept: Vec<usize> = (0..3).filter(|&at| axes[at] == (at, 1.0)).collect();
@@ -373,7 +367,6 @@ fn frame(axes: &Signed) -> String {
     }
 }
 
-/// Describes axes that are read from others or with another sign.
 fn columns(names: [&str; 3], axes: &Signed) -> String {
     let moved: Vec<usize> = (0..3).filter(|&at| axes[at].0 != at).collect();
     let turned: Vec<&str> = (0..3).filter(|&at| axes[at].1 < 0.0).map(|at| names[at]).collect();
@@ -390,7 +383,7 @@ fn columns(names: [&str; 3], axes: &Signed) -> String {
     }
 }
 
-/// The delay of the measured wrench, in consecutive rows, that makes the errors far smaller.
+/// Delay of the measured wrench, in consecutive rows, that makes the errors far smaller.
 pub(super) fn delay(
     predicted: &PerAxis<Vec<f64>>,
     measured: &[Vec<f64>],
@@ -427,7 +420,7 @@ mod tests {
     use super::*;
     use system_tests::random::Random;
 
-    /// Wandering loads of 400 rows, and predictions with errors of a hundredth of them.
+    /// Loads of 400 rows, and predictions with errors of a hundredth of them.
     fn rows() -> (PerAxis<Vec<f64>>, Vec<Vec<f64>>) {
         let mut random = Random(7);
         let mut measured: Vec<Vec<f64>> = (0..6).map(|_| vec![0.0]).collect();

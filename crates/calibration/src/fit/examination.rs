@@ -1,4 +1,4 @@
-//! The examination of a fit: its errors on the test compared with the promised errors, the cure if they are
+//! Examination of a fit: errors on the test against the promised errors, the cure if they are
 //! larger, and contradictions among the training rows.
 
 use super::cures::{Cure, WrenchProducts, delay};
@@ -15,15 +15,15 @@ use sensor_physics::COVERAGE_LEVEL;
 use shell_data::block::Block;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// A test fails if its error is certainly larger than this many times the promised error. The second limit
-/// applies if only the training error is known, not the error on held-out rows.
+/// A test fails if its error is certainly larger than this many promised errors; below, if only the
+/// training error is known.
 const MOST: f64 = 2.0;
 const MOST_OF_TRAINING: f64 = 3.0;
 
-/// Errors below this share of the calibrated range never fail a test.
+/// As a share of the calibrated range; smaller errors never fail a test.
 const NO_ERROR: f64 = 1e-3;
 
-/// Maximum number of rows on which each exchange of two channels is tried.
+/// On which each exchange of two channels is tried.
 const ROWS_OF_EXCHANGE: usize = 300;
 
 /// The subject of a fault.
@@ -52,8 +52,8 @@ pub struct TestRatio {
     pub axis: Axis,
     /// The error divided by the promised error.
     pub ratio: f64,
-    /// The 95 % interval of the ratio, from the scatter between groups of test rows; zero to infinity for a
-    /// single group.
+    /// Its 95 % interval, from the scatter between groups of test rows; zero to infinity for one
+    /// group.
     pub interval: [f64; 2],
 }
 
@@ -79,7 +79,7 @@ impl Fault {
 }
 
 impl Fit {
-    /// Examines the test and the training rows. This takes a small part of the time of the fit.
+    /// Examines test and training rows, in a small part of the time of the fit.
     ///
     /// # Errors
     /// [`FitError::Interrupted`].
@@ -96,7 +96,7 @@ impl Fit {
         Ok(())
     }
 
-    /// The errors promised on new rows, and the factor by which errors on a test may exceed them.
+    /// Errors promised on new rows, and the factor by which a test may exceed them.
     pub(super) fn promise(&self) -> (PerAxis<f64>, f64) {
         match &self.cross_validation {
             Some(found) => {
@@ -108,8 +108,8 @@ impl Fit {
         }
     }
 
-    /// The largest errors with which a test passes, and the ratio on the axis that most certainly exceeds its
-    /// promise.
+    /// Largest errors with which a test passes, and the ratio on the axis that most certainly
+    /// exceeds its promise.
     fn test_ratio(
         &self,
         workers: Workers<'_>,
@@ -130,7 +130,6 @@ impl Fit {
         Ok((limit, ratios.max_by(|a, b| a.interval[0].total_cmp(&b.interval[0]))))
     }
 
-    /// Describes the fault of a test that fails.
     fn test_fault(&self, of: &TestRatio, limit: &PerAxis<f64>) -> String {
         if let Some(cure) = self.cure_of_test(limit) {
             return cure;
@@ -151,7 +150,7 @@ impl Fit {
         text
     }
 
-    /// The change that cures the whole test, one of its files, or half of a file.
+    /// Cures the whole test, one of its files, or half of a file.
     fn cure_of_test(&self, limit: &PerAxis<f64>) -> Option<String> {
         let (calibration, axes) = (&self.calibration, self.calibration.axes);
         let search = |rows: &Block| cure(calibration, rows, limit, axes);
@@ -210,8 +209,8 @@ impl TestRatio {
         ratio.is_finite().then_some(Self { axis, ratio, interval })
     }
 
-    /// Returns true if the error is certainly larger than `most` times the promised error. A single group has
-    /// an infinite interval: its limit is `most` squared.
+    /// True if the error is certainly larger than `most` times the promised error; a single group's
+    /// limit is `most` squared.
     fn fails(&self, most: f64) -> bool {
         match self.interval[1].is_finite() {
             true => self.interval[0] > most,
@@ -220,7 +219,7 @@ impl TestRatio {
     }
 }
 
-/// The change of the reference, or the exchange of two channels, that cures the rows.
+/// A change of the reference, or an exchange of two channels.
 fn cure(calibration: &Calibration, rows: &Block, limit: &PerAxis<f64>, axes: Axes) -> Option<Cure> {
     if rows.rows == 0 {
         return None;
@@ -230,7 +229,6 @@ fn cure(calibration: &Calibration, rows: &Block, limit: &PerAxis<f64>, axes: Axe
     found.or_else(|| exchanged_channels(calibration, rows, limit, axes))
 }
 
-/// The exchange of two channels that cures the rows.
 fn exchanged_channels(
     calibration: &Calibration,
     rows: &Block,
@@ -254,7 +252,7 @@ fn exchanged_channels(
     let mut best: Option<Cure> = None;
     for (a, b) in (0..channels).flat_map(|a| (a + 1..channels).map(move |b| (a, b))) {
         let mut readings = few.readings.clone();
-        // The memory terms of both channels are exchanged, too.
+        // With their memory terms.
         for first in (0..readings.len()).step_by(channels) {
             readings.swap(first + a, first + b);
         }
@@ -271,7 +269,7 @@ fn exchanged_channels(
     best
 }
 
-/// The delay that cures the rows of one log.
+/// A delay, for one log.
 fn late(
     calibration: &Calibration,
     blocks: &[&Block],

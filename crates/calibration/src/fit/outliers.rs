@@ -55,11 +55,9 @@ pub struct OutlierColumn {
 pub struct Outliers {
     /// The outliers, in the order of the rows.
     pub rows: Vec<Outlier>,
-    /// Number of rows that stand out, if they are too many for slips of single rows. They are then not
-    /// listed.
+    /// Number of rows that stand out, if too many for slips; they are not listed.
     pub too_many: Option<usize>,
-    /// Root mean square errors on all other rows: of the fit to all rows, and of the fit without the
-    /// outliers.
+    /// Root mean square errors on all other rows: of the fit to all rows, and without the outliers.
     pub rms: Option<[PerAxis<f64>; 2]>,
 }
 
@@ -71,7 +69,7 @@ impl Outliers {
 
     /// The warnings about the outliers. `names` says where each row is.
     pub fn warnings(&self, axes: Axes, names: &[RowName]) -> Vec<String> {
-        /// Maximum number of outliers to list: more would hide other warnings.
+        /// More would hide other warnings.
         const SHOWN: usize = 10;
         let in_words = |(row, name): (&Outlier, &RowName)| {
             let RowName { file, line, columns } = name;
@@ -113,8 +111,7 @@ pub struct RowName {
 }
 
 impl Outlier {
-    /// Describes which columns of the row stand out, and how large its error is. `names` are the names of all
-    /// columns.
+    /// Describes which columns (of all, `names`) stand out, and how large the error is.
     pub fn why(&self, names: &[String]) -> String {
         let columns = self.columns.iter().take(3).map(|column| {
             let beside: Vec<String> = [column.before, column.after]

@@ -27,16 +27,16 @@ use sensor_physics::{
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Number of groups per coefficient of the cubic model below which polynomials are unreliable between the
+/// With fewer groups per coefficient of the cubic model, polynomials are unreliable between the
 /// groups.
 const GROUPS_PER_FEATURE: usize = 8;
 
-/// Ratio of a polynomial's squared error on held-out groups to that on its own rows, above which it is a poor
-/// model of them.
+/// Ratio of squared errors on held-out groups and own rows above which a polynomial is a poor
+/// model.
 const MUCH_WORSE: f64 = 2.0;
 
-/// Number of folds on which the physics model is first tried with default priors, before its own are chosen
-/// on all; and the maximum ratio of its squared error to the polynomial's there.
+/// Folds on which the physics model is first tried with default priors, and its largest ratio of
+/// squared errors to the polynomial's there.
 const TRIED_FIRST: usize = 5;
 const OUT_OF_REACH: f64 = 4.0;
 
@@ -54,7 +54,7 @@ pub struct PhysicsFit {
 }
 
 impl PhysicsFit {
-    /// The held-out errors in the form of a calibration file.
+    /// As in a calibration file.
     pub(super) fn cross_validation(&self) -> Option<CrossValidation> {
         let validation = self.validation.as_ref()?;
         let total = validation.total();
@@ -71,13 +71,12 @@ impl PhysicsFit {
     }
 }
 
-/// A physics model that was compared with a polynomial, and its held-out errors.
+/// With its held-out errors.
 pub(super) type TriedPhysics = ((PhysicsCalibration, Choice), PhysicsValidation);
 
-/// Fits the physics model and finds its errors on the training and the test rows. `tried` is the fitted
-/// model, if a comparison has already needed it.
+/// Fits the physics model and finds its errors. A comparison may have `tried` it already.
 pub(super) fn fit(input: FitInput<'_>, tried: Option<TriedPhysics>) -> Result<Fit, FitError> {
-    // The physics model has no memory terms.
+    // It has no memory terms.
     let [train, test] = &[input.train, input.test].map(Dataset::without_memory);
     let options = input.options;
     options.workers.start("physics model");
@@ -104,7 +103,7 @@ pub(super) fn fit(input: FitInput<'_>, tried: Option<TriedPhysics>) -> Result<Fi
     options.workers.start("errors on the rows");
     let errors = RowErrors::of_fit(&calibration, [&used, test], (None, None), options.workers)?;
     let of_train = Evaluation::total(&errors[0].logs);
-    // A polynomial finds the outliers, and their effect on it is not their effect on this model.
+    // A polynomial finds the outliers, whose effect on it is another.
     let looks = of_train.has_large_errors() && options.looks_for_outliers();
     let outliers = match looks.then(|| name_outliers(train, None, options)) {
         None => Outcome::NotAsked,
@@ -127,11 +126,11 @@ pub(super) fn fit(input: FitInput<'_>, tried: Option<TriedPhysics>) -> Result<Fi
     Ok(fitted.with_errors(used, test, errors, options))
 }
 
-/// A physics model with its choice, and the folds for its held-out errors.
+/// With the folds for its held-out errors.
 type FittedOnFolds = ((PhysicsCalibration, Choice), Vec<Vec<u64>>);
 
-/// Fits the physics model, and assigns the folds for its held-out errors. The choice of priors does not
-/// depend on these folds.
+/// Fits the physics model, and assigns folds for its held-out errors, on which the choice of priors
+/// does not depend.
 fn fit_sample(
     rows: &TrainingRows,
     sample: ObservationSample,
@@ -145,14 +144,13 @@ fn fit_sample(
     Ok((fitted, folds(options.held_out())?))
 }
 
-/// Assigns groups of rows to folds of similar size.
+/// Folds of similar size.
 fn assign_folds(rows: &TrainingRows, folds: usize) -> Result<Vec<Vec<u64>>, FitError> {
     let groups_of = |fold: Vec<usize>| fold.into_iter().map(|group| group as u64).collect();
     Ok(assign_groups(&rows.group_sizes(), folds)?.into_iter().map(groups_of).collect())
 }
 
-/// The number of folds in which `groups` groups are held out. Stretches of time are not each held out alone
-/// by default: each has many rows, and none is a pose.
+/// Blocks of time are not each held out alone by default: each has many rows, and none is a pose.
 fn fold_count(held_out: HeldOut, groups: usize, group_by: GroupBy) -> usize {
     match held_out {
         HeldOut::Folds(folds) => folds.min(groups),
@@ -180,11 +178,10 @@ impl ModelComparison {
         self.comparison.all.first_is_better()
     }
 
-    /// Fits the physics model without each fold of the groups on which a polynomial was chosen, and compares
-    /// the errors on that fold. Returns `None` if no polynomial was chosen by sums, or if there is little to
-    /// gain: there are many groups, and the polynomial's errors on held-out groups are hardly larger than on
-    /// its own rows. Returns no physics model if its errors on the first folds are far larger than the
-    /// polynomial's.
+    /// Fits the physics model without each fold of the groups on which a polynomial was chosen, and
+    /// compares the errors. `None` if no polynomial was chosen by sums, or if there is little to
+    /// gain: many groups, and hardly larger errors of the polynomial on held-out groups than on its
+    /// own rows. Without a physics model if its errors on the first folds are far larger.
     pub(super) fn of(
         input: FitInput<'_>,
         choice: &ModelChoice,
@@ -192,7 +189,7 @@ impl ModelComparison {
         let options = input.options;
         let sums = choice.sums.as_ref().filter(|_| choice.selection.is_some());
         let sums = sums.and_then(GroupedSums::exact);
-        // If sums are of sets of groups, the rows of each set are unknown.
+        // The rows of each set of groups are unknown.
         let sums = sums.filter(|sums| sums.group_count == sums.groups.len());
         let Some(sums) = sums else { return Ok(None) };
         let labelled = input.labelled(options.held_out());
@@ -239,8 +236,8 @@ impl ModelComparison {
     }
 }
 
-/// Returns true if there are few groups, or if the polynomial has much larger errors on held-out groups than
-/// on its own rows. Stretches of time do not count as few: each has many loads.
+/// True if there are few groups, or the polynomial has much larger errors on held-out groups than
+/// on its own rows. Blocks of time are not few: each has many loads.
 fn is_worth_trying(
     sums: &SumsByGroup,
     group_by: GroupBy,
@@ -264,7 +261,7 @@ fn is_worth_trying(
     Ok(new > MUCH_WORSE * own)
 }
 
-/// The sum of squared errors relative to the variance of the load, over the axes that vary.
+/// Relative to the variance of the load, over the axes that vary.
 fn relative_square(rms: &PerAxis<f64>, variances: &PerAxis<f64>) -> f64 {
     let relative = rms.iter().zip(variances).map(|(rms, variance)| rms.powi(2) / variance);
     relative.filter(|square| square.is_finite()).sum()

@@ -1,5 +1,5 @@
-//! The screen of a fit: about twelve lines that say what the fit is worth. They are identical in the
-//! terminal, the report, the page and Python.
+//! Screen of a fit: about twelve lines that say what the fit is worth, identical in the terminal,
+//! the report, the page and Python.
 
 use super::examination::FaultPlace;
 use super::outcome::Outcome;
@@ -9,10 +9,9 @@ use shell_data::dataset::Dataset;
 use shell_data::wrench::Axis;
 use std::collections::HashSet;
 
-/// Maximum number of characters in a line.
+/// In characters.
 const WIDTH: usize = 100;
 
-/// Width of the label of a line, in characters.
 const LABEL: usize = 7;
 
 /// The summary of a fit that users see.
@@ -155,10 +154,10 @@ impl Verdict<'_> {
     }
 }
 
-/// Number of days on which rows were recorded, if their times are calendar times.
+/// If their times are calendar times.
 fn days(data: &Dataset) -> usize {
     const DAY_S: f64 = 86_400.0;
-    // Times from 2001 on; a clock that starts with a recording does not run that long.
+    // From 2001 on; no clock that starts with a recording runs that long.
     const CALENDAR_S: f64 = 1e9;
     let firsts = data.blocks().filter_map(|(_, block)| block.rows.time_s.first());
     let days = firsts.filter(|time| **time > CALENDAR_S).map(|time| (time / DAY_S) as u64);
@@ -206,7 +205,7 @@ impl Screen {
     }
 }
 
-/// Wraps text to lines; the first line begins with the label.
+/// The first line begins with the label.
 fn wrapped(label: &str, indent: usize, text: &str) -> Vec<String> {
     let mut lines = vec![format!("{label:<indent$}")];
     for word in text.split(' ') {

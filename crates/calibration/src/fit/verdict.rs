@@ -1,4 +1,4 @@
-//! The verdict on a fit: its error on unseen data, the interval of a frame, whether to use the fit, and what
+//! Verdict on a fit: its error on unseen data, the interval of a frame, whether to use it, and what
 //! to record next.
 
 use super::examination::{Examination, Fault, FaultPlace};
@@ -8,13 +8,13 @@ use crate::validation::excitation::Gap;
 use sensor_physics::COVERAGE_LEVEL;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// An axis is useless if its error is a larger share of its loads, both as root mean squares.
+/// A larger error, as a share of the loads (both root mean squares), makes an axis useless.
 const USELESS: f64 = 0.5;
 
-/// Number of rows whose standard errors are averaged for the width of the interval.
+/// Rows whose standard errors are averaged.
 const ROWS_OF_INTERVAL: u64 = 1024;
 
-/// Minimum of 1 − leverage: a fit without a row of higher leverage says next to nothing about that row.
+/// Least 1 − leverage: a fit says next to nothing about a row beyond.
 const LEAST_LEFT: f64 = 0.1;
 
 /// The worth of a fit on unseen data.
@@ -41,8 +41,8 @@ pub struct UnseenErrors {
     pub share_of_range: PerAxis<Option<f64>>,
     /// The rows with these errors.
     pub on: UnseenRows,
-    /// The factor by which errors may be larger in a new file, from the scatter between files; `None` if no
-    /// files were held out.
+    /// Factor by which errors may be larger in a new file, from the scatter between files; `None`
+    /// without files.
     pub spread: Option<PerAxis<f64>>,
 }
 
@@ -116,7 +116,7 @@ impl Verdict<'_> {
         faults.map(words).chain(of_model).chain(leak).collect()
     }
 
-    /// The reasons that concern the model or its errors on unseen rows.
+    /// About the model or its errors on unseen rows.
     pub(super) fn reasons_of_model(&self) -> Vec<String> {
         let leaks = self.fit.leaks;
         let (leak, rows) = match self.is_tested_only() {
@@ -139,7 +139,7 @@ impl Verdict<'_> {
         matches!(&self.unseen, Some(of) if matches!(of.on, UnseenRows::Test(_)))
     }
 
-    /// The first fault of the test or the data.
+    /// First of the test or the data.
     pub(super) fn fault(&self, place: FaultPlace) -> Option<&str> {
         let faults = self.fit.examination.iter().flat_map(|of| &of.faults);
         faults.filter(|fault| fault.place == place).map(|fault| fault.text.as_str()).next()
@@ -194,7 +194,7 @@ impl Verdict<'_> {
 }
 
 impl UnseenRows {
-    /// Describes how errors were found; the text follows the name of the model.
+    /// How errors were found, after the name of the model.
     pub(super) fn words(&self) -> String {
         match *self {
             Self::Test(rows) => format!("judged by {rows} test rows"),
@@ -238,12 +238,10 @@ fn unseen_errors(fit: &Fit) -> Option<UnseenErrors> {
     Some(UnseenErrors { rms, share_of_range, on, spread })
 }
 
-/// The mean standard error of unseen rows that resemble the training rows, N and N·m; `None` if the fit has
-/// no rows, only their sums.
-///
-/// A training row of leverage h takes part in its own prediction, which has a variance of s²·(1 + h). Without
-/// the row, the variance is s²/(1 − h) (Cook and Weisberg, Residuals and Influence in Regression, 1982,
-/// §2.2.1).
+/// Mean standard error of unseen rows that resemble the training rows, N and N·m; `None` without
+/// rows. A training row of leverage h takes part in its own prediction, which has a variance of
+/// s²·(1 + h); without it the variance is s²/(1 − h) (Cook and Weisberg, Residuals and Influence in
+/// Regression, 1982, §2.2.1).
 fn mean_standard_errors(fit: &Fit, residual_sd: &PerAxis<f64>) -> Option<PerAxis<f64>> {
     let every = fit.used.rows().div_ceil(ROWS_OF_INTERVAL).max(1) as usize;
     let mut readings = vec![Vec::new(); fit.calibration.columns()];

@@ -84,14 +84,14 @@ pub enum Warning {
     },
 }
 
-/// Channel names, from `s1`.
+/// From `s1`.
 fn names(channels: &[usize]) -> String {
     let names: Vec<String> = channels.iter().map(|channel| format!("s{}", channel + 1)).collect();
     names.join(", ")
 }
 
-/// The number of features is more than half the number of groups. Regardless of the rank, too little is then
-/// left of the groups to estimate errors from.
+/// More than half as many features as groups leave too little to estimate errors from, whatever the
+/// rank.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FewGroups {
     /// Number of features of the model.

@@ -1,18 +1,18 @@
-//! Choice of loads in the order of their information. It uses what is known about the sensors: that their
-//! responses are smooth, or the parameters of a physics model.
+//! Choice of loads in the order of their information, from what is known about the sensors: smooth
+//! responses, or a physics model.
 
 use sensor_physics::cholesky::{Cholesky, diagonal};
 use sensor_physics::response::{Answer, Parameters};
 use sensor_physics::{PhysicsCalibration, PhysicsModel, Sensor};
 use shell_data::wrench::PerAxis;
 
-/// Number of terms: 1, w (6) and w·w (21).
+/// 1, w (6) and w·w (21).
 const TERMS: usize = 28;
-/// Prior variances of the terms of first and of second order, with loads in units of the largest of each
-/// axis, in variances of one pose. Tenfold values hardly change the order of loads.
+/// Prior variances of the terms of first and second order, with loads in units of the largest of
+/// each axis, in variances of one pose. Tenfold values hardly change the order.
 const FIRST_ORDER: f64 = 1e4;
 const SECOND_ORDER: f64 = 25.0;
-/// Level of an interval of one standard error, for normal errors.
+/// One standard error, for normal errors.
 const ONE_SIGMA: f64 = 0.683;
 
 /// `C·x`.
@@ -25,7 +25,7 @@ fn variance<const N: usize>(c: &[[f64; N]; N], x: &[f64; N]) -> f64 {
     dot(&times(c, x), x).max(0.0)
 }
 
-/// Replaces the covariance `C` of `p` by the covariance after an observation of `xᵀp` with this variance:
+/// Updates the covariance `C` of `p` by an observation of `xᵀp` with this variance:
 /// `C − Cx(Cx)ᵀ/(noise + xᵀCx)` (Golub & Van Loan, 4th ed., §2.1.4).
 pub(super) fn observe<const N: usize>(c: &mut [[f64; N]; N], x: &[f64; N], noise: f64) {
     let cx = times(c, x);
@@ -40,13 +40,12 @@ fn dot<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
     a.iter().zip(b).fold(0.0, |sum, (a, b)| a.mul_add(*b, sum))
 }
 
-/// Knowledge before any reading: every response is approximated by a surface of second order in the wrench,
-/// with 28 terms: 1, w and w·w. Loads that determine these well determine other smooth responses, too. The
-/// prior makes terms of second order small compared with those of first order, so that terms of first order
-/// are determined first until there are more loads than terms.
+/// Knowledge before any reading: every response is a surface of second order in the wrench, with 28
+/// terms: 1, w and w·w. Loads that determine these well determine other smooth responses, too. By
+/// the prior, terms of first order are determined first until there are more loads than terms.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Surface {
-    /// Covariance of the terms after some loads with unknown readings.
+    /// After some loads with unknown readings.
     pub(super) covariance: Box<[[f64; TERMS]; TERMS]>,
     largest: PerAxis<f64>,
 }
@@ -84,13 +83,13 @@ impl Surface {
         variance(&self.covariance, &self.terms(load)).ln_1p()
     }
 
-    /// Root of the mean variance of a response over some loads, in standard deviations of one pose.
+    /// Root of the mean variance of a response, in standard deviations of one pose.
     fn error(&self, range: &[PerAxis<f64>]) -> f64 {
         let variances = range.iter().map(|load| variance(&self.covariance, &self.terms(load)));
         (variances.sum::<f64>() / range.len().max(1) as f64).sqrt()
     }
 
-    /// Reduction of the mean variance of a response over `range` by a load.
+    /// Reduction of the mean variance of a response over `range`.
     fn variance_gain(&self, load: &PerAxis<f64>, range: &[PerAxis<f64>]) -> f64 {
         let of_load = self.terms(load);
         let known = times(&self.covariance, &of_load);
@@ -104,16 +103,15 @@ impl Surface {
 #[derive(Clone, Debug, PartialEq)]
 pub struct SensorKnowledge {
     model: PhysicsModel,
-    /// Factors for the standard errors.
+    /// Of the standard errors.
     inflation: PerAxis<f64>,
 }
 
 struct SensorAnswer {
-    /// Derivatives with respect to the parameters.
     gradient: Parameters,
-    /// Derivatives with respect to the wrench, in the model's scales.
+    /// By the wrench, in the model's scales.
     slopes: PerAxis<f64>,
-    /// Variance of the response for known parameters.
+    /// For known parameters.
     noise: f64,
 }
 
@@ -158,7 +156,7 @@ impl SensorKnowledge {
         pairs.map(gain).sum()
     }
 
-    /// Mean variances of a wrench over some loads with these responses, in the model's scales.
+    /// Over loads with these responses, in the model's scales.
     fn mean_variances(&self, range: &[Vec<SensorAnswer>]) -> PerAxis<f64> {
         let PhysicsModel { sensors, load_precision, lambda, .. } = &self.model;
         let mut sums = [0.0; 6];
@@ -182,14 +180,13 @@ impl SensorKnowledge {
         sums.map(|sum| sum / range.len().max(1) as f64)
     }
 
-    /// Errors from the mean variances, N and N·m.
     fn errors(&self, range: &[Vec<SensorAnswer>]) -> PerAxis<f64> {
         let (variances, scale) = (self.mean_variances(range), &self.model.wrench_scale);
         std::array::from_fn(|axis| variances[axis].sqrt() * scale[axis] * self.inflation[axis])
     }
 }
 
-/// Most loads over which variances are averaged: more do not change any order.
+/// More loads do not change any order.
 const MOST_OF_RANGE: usize = 120;
 
 /// An order of loads.
@@ -197,8 +194,7 @@ const MOST_OF_RANGE: usize = 120;
 pub enum Order {
     /// The given order, which should be random.
     Random,
-    /// D-optimal on 1, w and w·w, by the gain of information without a model of the sensors: needs no
-    /// reading.
+    /// D-optimal on 1, w and w·w, by the gain of information without readings.
     DOptimal,
     /// By the gain of information with the current model, if there is one.
     Gain,
@@ -252,13 +248,13 @@ pub struct PlannedLoad {
 pub enum PredictedError {
     /// Root mean square error of a wrench, N and N·m.
     Wrench(PerAxis<f64>),
-    /// Error of the surface through the responses, in standard deviations of one pose, because nothing was
-    /// read yet.
+    /// Of the surface through the responses, in standard deviations of one pose, before any
+    /// reading.
     Relative(f64),
 }
 
 impl PredictedError {
-    /// Returns true if every force is within `force_n`, and every moment within `moment_nm`, where these are
+    /// Returns true if every force is within `force_n`, and every moment within `moment_nm`, where
     /// given; false without readings, because errors in N are then unknown.
     pub fn is_within(&self, force_n: Option<f64>, moment_nm: Option<f64>) -> bool {
         let Self::Wrench(errors) = self else { return false };
@@ -270,8 +266,8 @@ impl PredictedError {
 }
 
 impl<'a> Planner<'a> {
-    /// Creates a planner after `loads`: without a model of the sensors, or with a model that already includes
-    /// the loads that it was fitted to.
+    /// Creates a planner after `loads`, without a model of the sensors or with one that already
+    /// includes the loads that it was fitted to.
     pub fn new(
         sensors: Option<SensorKnowledge>,
         order: Order,
@@ -302,7 +298,6 @@ impl<'a> Planner<'a> {
         self.range.iter().map(|load| sensors.answers(load)).collect()
     }
 
-    /// Gain of information by a load, in nats.
     fn gain(&self, load: &PerAxis<f64>) -> f64 {
         match &self.knowledge {
             Knowledge::Surface(surface) => surface.gain(load),
@@ -310,7 +305,7 @@ impl<'a> Planner<'a> {
         }
     }
 
-    /// Value of each remaining load; more is better.
+    /// More is better.
     fn worths(&self) -> Vec<f64> {
         let loads = self.left.iter().map(|&position| &self.candidates[position]);
         match (self.order, &self.knowledge) {
@@ -335,7 +330,7 @@ impl<'a> Planner<'a> {
 impl Iterator for Planner<'_> {
     type Item = PlannedLoad;
 
-    /// Takes the most valuable of the remaining loads; the first of equals.
+    /// Takes the most valuable load, the first of equals.
     fn next(&mut self) -> Option<PlannedLoad> {
         let worths = self.worths();
         let best =

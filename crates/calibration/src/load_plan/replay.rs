@@ -5,9 +5,9 @@
 //!                        └───────────────────────────────▲──────────────────────┘
 //! ```
 //!
-//! Every order begins with the same poses and ends with all of them. The error comes from the physics model,
-//! with its priors chosen anew each time. It is relative to the root mean square of the loads of each axis,
-//! averaged in squares over the axes and the poses.
+//! Every order begins with the same poses and ends with all of them. The error comes from the
+//! physics model, with its priors chosen anew each time. It is relative to the root mean square of
+//! the loads of each axis, averaged in squares over the axes and the poses.
 
 use std::collections::BTreeMap;
 use std::num::NonZeroU64;
@@ -20,8 +20,8 @@ use sensor_physics::{Choice, Inversion, Observation, PhysicsModel, wrench_scale}
 use shell_data::random::{Purpose, RandomStream};
 use shell_data::wrench::PerAxis;
 
-/// Number of poses per step: the model is refitted after every pose at first, and after `n/16` more poses
-/// from `n` poses on.
+/// Poses per step: the model is refitted after every pose at first, and after `n/16` more from `n`
+/// on.
 const STEP_SHARE: usize = 16;
 
 /// Options of a replay.
@@ -67,12 +67,12 @@ pub enum ReplayError {
     Fit(#[from] FitError),
 }
 
-/// One pose: all observations with one label.
+/// All observations with one label.
 type ReplayPose<'a> = Vec<&'a Observation>;
 
 impl Replay {
-    /// Replays `observations` in every order, split by split on several threads; the result does not depend
-    /// on the number of threads.
+    /// Replays `observations` in every order, on several threads, with the same result for any
+    /// number.
     ///
     /// # Errors
     /// [`ReplayError`] if the poses outside the held-out set do not determine a model.
@@ -128,7 +128,7 @@ struct SplitReplay<'a> {
 }
 
 impl SplitReplay<'_> {
-    /// Errors with these numbers of poses, in an order that begins with the first `start`.
+    /// With these numbers of poses, in an order that begins with the first `start`.
     fn errors(&self, order: Order, start: usize, counts: &[usize]) -> Result<Vec<f64>, FitError> {
         let mut taken: Vec<usize> = (0..start).collect();
         let mut errors = Vec::with_capacity(counts.len());

@@ -4,9 +4,9 @@
 //! s' = s + γ·(s − s₀) + ζ       F' = R·F       M' = R·M + o × F'
 //! ```
 //!
-//! Unprimed symbols are the readings and wrench of the original sensor; primed symbols belong to the changed
-//! sensor. Both changes are absorbed into the numbers of a calibration of any kind, so conversion is as fast
-//! as before.
+//! Unprimed symbols are the readings and wrench of the original sensor; primed symbols belong to
+//! the changed sensor. Both changes are absorbed into the numbers of a calibration of any kind, so
+//! conversion is as fast as before.
 
 use crate::conversion::{Calibration, Kind};
 use least_squares::model::Term;
@@ -45,7 +45,7 @@ impl ChannelChange {
 }
 
 impl Change {
-    /// Applies the change to a calibration. The result has no intervals, because they belong to the unchanged
+    /// Applies the change. The result has no intervals, because they belong to the unchanged
     /// sensor.
     pub fn apply(&self, calibration: &Calibration) -> Calibration {
         let kind = match &calibration.kind {
@@ -68,8 +68,8 @@ impl Change {
         changed
     }
 
-    /// Keeps scales, which are powers of two: coefficients absorb the gains. Memory terms, as differences of
-    /// readings, change with the gain alone.
+    /// Keeps scales, which are powers of two: coefficients absorb the gains. Memory terms change
+    /// with the gain alone.
     pub(super) fn polynomial(&self, polynomial: &Polynomial) -> Polynomial {
         let (model, mut scaling) = (polynomial.model(), polynomial.scaling().clone());
         let of_column = |column: usize| self.channels[column % model.channels];
@@ -126,7 +126,7 @@ impl Change {
         }
     }
 
-    /// Converts a wrench from the calibrated frame to the new one.
+    /// From the calibrated frame to the new one.
     fn wrench(&self, calibrated: &PerAxis<f64>) -> PerAxis<f64> {
         let [fx, fy, fz, mx, my, mz] = *calibrated;
         let mut wrench = force_at(rotated([fx, fy, fz], self.turn_rad), self.lever_m);
@@ -135,7 +135,7 @@ impl Change {
         wrench
     }
 
-    /// Converts a wrench from the new frame to the calibrated one.
+    /// From the new frame to the calibrated one.
     fn calibrated_wrench(&self, wrench: &PerAxis<f64>) -> PerAxis<f64> {
         let [fx, fy, fz, mx, my, mz] = *wrench;
         let more = cross(self.lever_m, [fx, fy, fz]);
@@ -152,7 +152,7 @@ fn dot(a: &[f64; 6], b: &[f64; 6]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// Turns `v` by a rotation vector (Rodrigues).
+/// By a rotation vector (Rodrigues).
 fn rotated(v: [f64; 3], by: [f64; 3]) -> [f64; 3] {
     let angle = by.iter().map(|x| x * x).sum::<f64>().sqrt();
     // sin θ/θ and (1 − cos θ)/θ², which tend to 1 and 1/2.

@@ -1,8 +1,7 @@
-//! Search for the change of greatest posterior density, with the priors that make the observations most
-//! probable.
-//!
-//! Differences are nearly linear in the change, so their normal equations are set up at the last change that
-//! was found. Each trial of a prior, or of a held-out group, then solves only some twenty equations.
+//! Search for the change of greatest posterior density, with the priors that make the observations
+//! most probable. Differences are nearly linear in the change, so their normal equations are set up
+//! at the last change found; each trial of a prior, or of a held-out group, then solves only some
+//! twenty equations.
 
 use std::collections::BTreeMap;
 
@@ -19,14 +18,13 @@ use sensor_physics::response::Answer;
 use sensor_physics::{Observation, PhysicsModel, Sensor};
 use shell_data::wrench::PerAxis;
 
-/// Number of linearisations of the differences. They are nearly linear: the third one moves the result by a
-/// thousandth of a standard error.
+/// Linearisations: the third moves the result by a thousandth of a standard error.
 const ROUNDS: usize = 4;
 
-/// Step of central differences, in standard deviations of the widest priors and in reference errors.
+/// Of central differences, in standard deviations of the widest priors and in reference errors.
 const STEP: f64 = 1e-3;
 
-/// One number of a change, with the standard deviation of its widest prior.
+/// With the standard deviation of its widest prior.
 #[derive(Clone, Copy, Debug)]
 struct Unknown {
     quantity: ChangedQuantity,
@@ -34,11 +32,11 @@ struct Unknown {
     sd: f64,
 }
 
-/// Width of the prior of each quantity, as a share of the widest; 0 for no change.
+/// Width of each quantity's prior, as a share of the widest; 0 for no change.
 pub(super) type Shares = [f64; ChangedQuantity::ALL.len()];
 
-/// Sums over the differences `c + J·x` of some observations in their stated errors; `x` are the unknowns in
-/// standard deviations of their widest priors.
+/// Sums over the differences `c + J·x` in stated errors; `x` are the unknowns in standard
+/// deviations of their widest priors.
 #[derive(Clone, Debug)]
 struct ChangeEquations {
     /// `JᵀJ`.
@@ -49,12 +47,10 @@ struct ChangeEquations {
     square: f64,
 }
 
-/// Posterior from some observations with some priors.
 struct Posterior {
-    /// Unknowns, and their standard errors.
     mean: Vec<f64>,
     errors: Vec<f64>,
-    /// Least sum of squares of differences and unknowns in their stated errors.
+    /// Least sum of squares, in stated errors.
     cost: f64,
     ln_evidence: f64,
 }
@@ -64,24 +60,23 @@ pub(super) struct FoundChange {
     pub(super) shares: Shares,
     pub(super) change: Change,
     pub(super) standard_errors: Change,
-    /// Change found without each group of observations.
+    /// Without each group of observations.
     pub(super) held_out: BTreeMap<u64, Change>,
-    /// Log evidence: how much more probable the observations are than without a change.
+    /// How much more probable the observations are than without a change.
     pub(super) ln_evidence: f64,
-    /// Root mean square of the differences before and after the change, in stated errors. The second one
-    /// includes the prior terms of the change.
+    /// Before and after the change, in stated errors; the second includes the prior terms.
     pub(super) disagreement: [f64; 2],
-    /// Quantity that would have changed more than in any sensor.
+    /// Would have changed more than in any sensor.
     pub(super) impossible: Option<ChangedQuantity>,
 }
 
 pub(super) struct ChangeSearch<'a> {
     calibration: &'a Calibration,
     loads: &'a NewLoads<'a>,
-    /// Reading that the gain of each channel does not change, and width of its calibrated range, counts.
+    /// Reading that a gain does not change, and width of the calibrated range, counts.
     channels: Vec<(f64, f64)>,
     unknowns: Vec<Unknown>,
-    /// Cholesky factor of the covariance of the differences of each observation.
+    /// Of the covariance of each observation's differences.
     factors: Vec<Mat<f64>>,
 }
 
@@ -100,7 +95,7 @@ impl ChangeEquations {
         self.square += sign * other.square;
     }
 
-    /// Solves with priors of these standard deviations; `None` if the curvature is not positive definite.
+    /// `None` if the curvature is not positive definite.
     fn posterior(&self, sds: &[f64]) -> Option<Posterior> {
         let size = sds.len();
         // x = S·z with z of variance one.
@@ -123,7 +118,7 @@ impl ChangeEquations {
 }
 
 impl<'a> ChangeSearch<'a> {
-    /// Prepares a search that multiplies the variances of a physics model's readings by `variance_scale`.
+    /// Multiplies the variances of a physics model's readings by `variance_scale`.
     pub(super) fn new(
         calibration: &'a Calibration,
         loads: &'a NewLoads<'a>,
@@ -142,8 +137,8 @@ impl<'a> ChangeSearch<'a> {
         search
     }
 
-    /// Finds the change that the observations show, with the priors that make them most probable; no change
-    /// unless `is_changed`.
+    /// The change that the observations show, with their most probable priors; none unless
+    /// `is_changed`.
     pub(super) fn find(&self, is_changed: bool) -> FoundChange {
         let mut at = vec![0.0; self.unknowns.len()];
         let mut shares = Shares::default();
@@ -182,7 +177,7 @@ impl<'a> ChangeSearch<'a> {
         }
     }
 
-    /// Group of the observation that is furthest from the unchanged calibration, in stated errors.
+    /// From the unchanged calibration, in stated errors.
     pub(super) fn furthest(&self) -> u64 {
         let rows = self.whitened(&vec![0.0; self.unknowns.len()]);
         let square = |row: &Vec<f64>| row.iter().map(|x| x * x).sum::<f64>();
@@ -191,12 +186,12 @@ impl<'a> ChangeSearch<'a> {
         furthest.map_or(0, |(_, observation)| observation.group)
     }
 
-    /// Finds the priors that make the observations most probable, one quantity after another.
+    /// One quantity after another.
     fn most_probable(&self, all: &ChangeEquations) -> Shares {
         let evidence = |shares: &Shares| {
             all.posterior(&self.sds(shares)).map_or(f64::NEG_INFINITY, |of| of.ln_evidence)
         };
-        // A quantity without unknowns has a share of zero, because no share would change the evidence.
+        // Without unknowns, no share would change the evidence.
         let is_unknown = |quantity| self.unknowns.iter().any(|of| of.quantity == quantity);
         let mut shares =
             ChangedQuantity::ALL.map(|of| if is_unknown(of) { FIRST_SHARE } else { 0.0 });
@@ -224,7 +219,7 @@ impl<'a> ChangeSearch<'a> {
         self.unknowns.iter().map(|of| shares[of.quantity as usize]).collect()
     }
 
-    /// Differences of each group, linear about `at`, and their sum.
+    /// Of each group, linear about `at`, and their sum.
     fn equations(&self, at: &[f64]) -> (BTreeMap<u64, ChangeEquations>, ChangeEquations) {
         let here = self.whitened(at);
         let columns: Vec<Vec<Vec<f64>>> = (0..at.len())
@@ -261,7 +256,7 @@ impl<'a> ChangeSearch<'a> {
         (groups, all)
     }
 
-    /// Converts unknowns, in standard deviations of their widest priors, to a change.
+    /// From unknowns in standard deviations of their widest priors.
     fn change(&self, at: &[f64]) -> Change {
         let still = |&(pivot, _): &(f64, f64)| ChannelChange { pivot, ..ChannelChange::default() };
         let mut change = Change {
@@ -280,7 +275,6 @@ impl<'a> ChangeSearch<'a> {
         change
     }
 
-    /// Differences of each observation, in their stated errors.
     fn whitened(&self, at: &[f64]) -> Vec<Vec<f64>> {
         let all: Vec<&Observation> = self.loads.observations.iter().collect();
         let mut all = self.differences(&self.change(at), &all);
@@ -317,8 +311,7 @@ impl<'a> ChangeSearch<'a> {
         }
     }
 
-    /// Factor of the covariance of an observation's differences, from errors of the calibration and of the
-    /// reference.
+    /// From errors of the calibration and of the reference.
     fn factor_of_errors(&self, at: usize, variance_scale: f64) -> Mat<f64> {
         let observation = &self.loads.observations[at];
         let mut covariance = match &self.calibration.kind {
@@ -353,7 +346,7 @@ impl<'a> ChangeSearch<'a> {
     }
 }
 
-/// Lists all quantities of a sensor that may have changed and can be included in its calibration.
+/// All that may have changed and can be included in the calibration.
 fn unknowns(calibration: &Calibration, channels: &[(f64, f64)]) -> Vec<Unknown> {
     // A polynomial without a constant cannot represent a change of the zeros.
     let has_constant = calibration.polynomial().is_none_or(|of| of.model().intercept);
@@ -376,8 +369,7 @@ fn scaled(model: &PhysicsModel, wrench: &PerAxis<f64>) -> PerAxis<f64> {
     std::array::from_fn(|axis| wrench[axis] / model.wrench_scale[axis])
 }
 
-/// Covariance `V` of the readings under a wrench, in squared ranges: noise, uncertain parameters and shared
-/// factors.
+/// `V` of the readings, in squared ranges: noise, uncertain parameters and shared factors.
 fn covariance_of_readings(model: &PhysicsModel, wrench: &PerAxis<f64>) -> Mat<f64> {
     let x = scaled(model, wrench);
     let of = |sensor: &Sensor| {
@@ -391,8 +383,8 @@ fn covariance_of_readings(model: &PhysicsModel, wrench: &PerAxis<f64>) -> Mat<f6
     })
 }
 
-/// Reading that the gain of each channel does not change, and width of its range. This reading is the
-/// converter's zero, unless the channel is never near it.
+/// Reading that a gain does not change (the converter's zero, unless the channel is never near it),
+/// and width of the range.
 fn channels(calibration: &Calibration) -> Vec<(f64, f64)> {
     let has_constant = calibration.polynomial().is_none_or(|it| it.model().intercept);
     let of_range = |[min, max]: [f64; 2]| {

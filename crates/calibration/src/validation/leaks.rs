@@ -1,11 +1,10 @@
 //! Check that test rows were not recorded at the poses of the training rows.
 //!
-//! A random split of the rows of one recording leaves rows of every pose on both sides, so the error on the
-//! test rows is a training error. Group labels that are assigned to rows at random have the same effect. A
-//! row counts as one of a pose if its load equals the load of training rows and every reading is near theirs:
-//! a pose that is set up again, with the same weights, has other readings. Loads are equal if they agree
-//! within the last digit of the coarser file. Rows may be in any order. The check is not conclusive if the
-//! reference flickers by more than its last digit.
+//! A random split of one recording, or random group labels, leaves rows of every pose on both
+//! sides, so the error on the test rows is a training error. A row counts as one of a pose if its
+//! load equals that of training rows, within the last digit of the coarser file, and every reading
+//! is near theirs: a pose that is set up again has other readings. Rows may be in any order. The
+//! check is not conclusive if the reference flickers by more than its last digit.
 
 use std::collections::HashMap;
 use std::iter::repeat_n;
@@ -15,22 +14,21 @@ use shell_data::dataset::Dataset;
 use shell_data::statistics::extremes;
 use shell_data::wrench::PerAxis;
 
-/// Most rows that are kept.
 const KEPT: usize = 4096;
 
-/// Number of rows that determine the number of digits of loads.
+/// For the number of digits of loads.
 const DIGIT_ROWS: usize = 256;
 
-/// Digits beyond which doubles cannot be distinguished.
+/// Further digits of doubles cannot be distinguished.
 const MOST_DIGITS: i32 = 12;
 
-/// Loads of one file are equal within this share of the range, because sums may be in another order.
+/// Sums may be in another order: loads of one file within this share of the range are equal.
 const SAME: f64 = 1e-9;
 
-/// Fewest rows of a load that determine its readings.
+/// Of a load, to determine its readings.
 const FEWEST_ROWS: usize = 4;
 
-/// Fewest loads that count as poses, and not as rest.
+/// Fewer loads are not poses.
 const FEWEST_LOADS: usize = 3;
 
 /// Share of rows at poses of the training rows from which a test says nothing about new poses.
@@ -46,23 +44,23 @@ pub struct RowSample {
 struct SampledRow {
     load: PerAxis<f64>,
     readings: Vec<f64>,
-    /// Index of the row's group, if groups were requested.
+    /// If groups were requested.
     group: usize,
 }
 
-/// Last digit of numbers that were rounded to some decimals or to some significant digits.
+/// Of numbers rounded to some decimals or some significant digits.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct LastDigit {
-    /// Value of the last decimal place, as a power of ten.
+    /// Last decimal place, as a power of ten.
     decimal: f64,
-    /// Number of significant digits.
+    /// Significant digits.
     digits: i32,
 }
 
 /// Poses at which the rows of a sample were recorded.
 #[derive(Clone, Debug)]
 pub struct RecordedPoses {
-    /// Poses, ascending by the load on the first axis.
+    /// Ascending by the load on the first axis.
     poses: Vec<RecordedPose>,
     sample: RowSample,
     range: PerAxis<f64>,
@@ -72,7 +70,7 @@ pub struct RecordedPoses {
 struct RecordedPose {
     load: PerAxis<f64>,
     readings: Vec<ReadingSpan>,
-    /// Indices of its rows in the sample.
+    /// In the sample.
     rows: Vec<usize>,
 }
 
@@ -87,7 +85,7 @@ impl RowSample {
         Self { rows: (0..block.rows).step_by(stride).map(row).collect() }
     }
 
-    /// Samples rows of a labelled data set, with their groups.
+    /// Of a labelled data set, with their groups.
     fn from_groups(data: &Dataset) -> Self {
         let (stride, mut sample) = (Self::stride(data.rows()), Self::default());
         let mut groups = HashMap::new();
@@ -121,7 +119,7 @@ impl RowSample {
         }
     }
 
-    /// Some of the rows, spread over all of them.
+    /// Spread over all rows.
     fn some(&self) -> impl Iterator<Item = &SampledRow> {
         self.rows.iter().step_by(self.rows.len().div_ceil(DIGIT_ROWS).max(1))
     }
@@ -157,13 +155,13 @@ impl RowSample {
             readings: spans(rows.iter().map(|&row| &self.rows[row])),
             rows,
         };
-        // The order is ascending because the rows were divided along the first axis first.
+        // Ascending, because the rows were divided along the first axis first.
         let poses = of_one_load.into_iter().map(pose).collect();
         Some(RecordedPoses { poses, sample: self, range })
     }
 
-    /// Divides rows where the load on an axis steps by more than `step`, in ascending order; drops parts of a
-    /// few rows.
+    /// Divides rows where the load on an axis steps by more than `step`, ascending; drops parts of
+    /// a few rows.
     fn divide(&self, mut rows: Vec<usize>, axis: usize, step: f64) -> Vec<Vec<usize>> {
         let load = |row: &usize| self.rows[*row].load[axis];
         rows.sort_unstable_by(|a, b| load(a).total_cmp(&load(b)));
@@ -173,11 +171,11 @@ impl RowSample {
 }
 
 impl LastDigit {
-    /// Finest last digit of some numbers.
+    /// The finest of some numbers.
     fn new(values: impl Iterator<Item = f64>) -> Self {
         let mut finest = Self { decimal: 1.0, digits: 1 };
         for value in values {
-            // Conversion of units leaves digits at the very end.
+            // Conversion of units leaves digits at the end.
             let text = format!("{value:.*e}", (MOST_DIGITS - 1) as usize);
             let (mantissa, exponent) = text.split_once('e').unwrap_or((&text, "0"));
             let mantissa = mantissa.trim_end_matches('0').trim_end_matches('.');
@@ -192,7 +190,7 @@ impl LastDigit {
         finest
     }
 
-    /// Largest rounding error of a number of this size.
+    /// For a number of this size.
     fn rounding(&self, value: f64) -> f64 {
         let leading = if value == 0.0 { f64::MIN } else { value.abs().log10().floor() };
         let significant = 10_f64.powf(leading + 1.0 - f64::from(self.digits));
@@ -225,7 +223,7 @@ impl RecordedPoses {
         (rows > 0).then(|| test.rows.iter().filter(is_at).count() as f64 / rows as f64)
     }
 
-    /// Share of the rows whose pose also has rows of other groups.
+    /// Rows whose pose also has rows of other groups.
     fn share_in_several_groups(&self) -> f64 {
         let (mut shared, step) = (0, self.sample.reading_step());
         for pose in &self.poses {
@@ -245,7 +243,7 @@ impl RecordedPoses {
     }
 }
 
-/// Range of the readings of some rows on a channel.
+/// Of some rows on a channel.
 type ReadingSpan = [f64; 2];
 
 fn spans<'a>(rows: impl Iterator<Item = &'a SampledRow>) -> Vec<ReadingSpan> {
@@ -259,8 +257,7 @@ fn spans<'a>(rows: impl Iterator<Item = &'a SampledRow>) -> Vec<ReadingSpan> {
     spans
 }
 
-/// Returns true if every reading of a row is within its range, widened by the width of the range and by
-/// `slack`.
+/// True if every reading is within its range, widened by the range's width and by `slack`.
 fn have(spans: &[ReadingSpan], row: &SampledRow, slack: f64) -> bool {
     spans.iter().zip(&row.readings).all(|(&[least, most], reading)| {
         let width = most - least + slack;
@@ -268,8 +265,8 @@ fn have(spans: &[ReadingSpan], row: &SampledRow, slack: f64) -> bool {
     })
 }
 
-/// Share of the rows of a labelled data set whose pose occurs in several groups; `None` if the data set does
-/// not consist of poses. Labels that were assigned at random give nearly 1.
+/// Share of labelled rows whose pose occurs in several groups; `None` without poses. Random labels
+/// give nearly 1.
 pub fn share_in_several_groups(data: &Dataset) -> Option<f64> {
     Some(RowSample::from_groups(data).poses()?.share_in_several_groups())
 }
@@ -279,7 +276,7 @@ mod tests {
     use super::*;
     use system_tests::random::Random;
 
-    /// Rows of poses in a random order, each pose with its own load and readings; noise of one count.
+    /// In a random order, each pose with its own load and readings; noise of one count.
     fn poses(seed: u64, poses: usize, rows: usize) -> Vec<(PerAxis<f64>, Vec<f64>, usize)> {
         let mut random = Random(seed);
         let mut all = Vec::new();

@@ -1,17 +1,17 @@
-//! Groups of rows in a recording without named groups: plateaus of constant load, or stretches between jumps
-//! of its clock.
+//! Groups of rows in a recording without named groups: plateaus of constant load, or blocks between
+//! jumps of its clock.
 //!
-//! A row continues a plateau if every axis is within a [step](Steps) of the plateau's mean. Rows that leave
-//! it start another plateau as soon as [`FEWEST_ROWS`] of them agree. If the load returns before, they were
-//! strays and remain in the plateau. Rows between two plateaus belong to the first, and neighbouring plateaus
-//! are merged if their levels differ by less than [`SAME_LEVEL`] of the range of every axis. A clock that
-//! restarts ends a plateau, whatever the load.
+//! A row continues a plateau if every axis is within a [step](Steps) of the plateau's mean. Rows
+//! that leave it start another plateau as soon as [`FEWEST_ROWS`] of them agree; if the load
+//! returns before, they remain in the plateau. Rows between two plateaus belong to the first, and
+//! neighbouring plateaus are merged if they differ by less than [`SAME_LEVEL`] of the range of
+//! every axis. A clock that restarts ends a plateau.
 //!
-//! A plateau is steady if it has [`FEWEST_ROWS`] and a line through its rows rises by no more than half a
-//! step, or twice [`SAME_LEVEL`]. Motion also divides into plateaus, but these are not steady. A recording
-//! consists of plateaus if there are [`FEWEST_PLATEAUS`] steady ones, they hold [`STEADY_SHARE`] of the rows,
-//! and the variance within them is at most [`WITHIN_SHARE`] of the variance of the loads. Rows are processed
-//! one after another, in memory that grows with the plateaus alone.
+//! A plateau is steady if it has [`FEWEST_ROWS`] and a line through its rows rises by no more than
+//! half a step, or twice [`SAME_LEVEL`]: plateaus of motion are not. A recording consists of
+//! plateaus if there are [`FEWEST_PLATEAUS`] steady ones, they hold [`STEADY_SHARE`] of the rows,
+//! and the variance within them is at most [`WITHIN_SHARE`] of that of the loads. Rows are
+//! processed one after another, in memory that grows with the plateaus alone.
 
 use shell_data::statistics::{MergeWeights, extremes};
 
@@ -32,28 +32,27 @@ pub const WITHIN_SHARE: f64 = 0.05;
 /// Consecutive plateaus are merged if they differ by less than this share of the range on every axis.
 pub const SAME_LEVEL: f64 = 0.01;
 
-/// A step is the largest of: this many standard deviations of the noise, this many times the difference that
-/// 85 % of consecutive rows keep within, and half of [`SAME_LEVEL`]. A reference that flickers by its last
-/// digit therefore makes no steps.
+/// A step is the largest of: this many standard deviations of the noise, this many times the
+/// difference that 85 % of consecutive rows keep within, and half of [`SAME_LEVEL`]. A reference
+/// that flickers by its last digit therefore makes no steps.
 const STEP_IN_NOISE: f64 = 8.0;
 const STEP_IN_FLICKER: f64 = 4.0;
 const FLICKER_SHARE: f64 = 0.85;
 
-/// A clock jumps if it goes back by this many median intervals, or forward by this many and by at least a
-/// second.
+/// Median intervals by which a clock jumps back, or forward by at least a second too.
 const BACK_IN_INTERVALS: f64 = 10.0;
 const FORWARD_IN_INTERVALS: f64 = 100.0;
 const FORWARD_S: f64 = 1.0;
 
-/// A level of a slow motion is this many times shorter than levels that are held.
+/// Plateaus of slow motion are this many times shorter than those of poses.
 const SHORT: u64 = 4;
 
 /// Limits for a step of the load and for a jump of the clock.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Steps<const N: usize> {
-    /// Smallest step of each column, N and N·m for a wrench.
+    /// Of each column, N and N·m for a wrench.
     load: [f64; N],
-    /// Median interval between rows, in s.
+    /// Median between rows.
     interval_s: f64,
 }
 
@@ -95,7 +94,7 @@ fn differences(values: &[f64]) -> Vec<f64> {
     values.windows(2).map(|pair| pair[1] - pair[0]).collect()
 }
 
-/// Value that a share of `values` does not exceed; 0 for no values.
+/// 0 for no values.
 fn quantile(values: &mut [f64], share: f64) -> f64 {
     let Some(last) = values.len().checked_sub(1) else { return 0.0 };
     let at = (share * last as f64) as usize;
@@ -122,14 +121,14 @@ pub struct Level<const N: usize> {
     pub rows: u64,
     /// The mean of each column.
     pub mean: [f64; N],
-    /// Sums of squared differences from the mean.
+    /// Squared differences from the mean.
     squares: [f64; N],
-    /// Mean position of the rows, sum of their squared distances from it, and sums of the products of these
-    /// distances with the loads.
+    /// Mean position of the rows, sum of their squared distances from it, and sums of products of
+    /// these distances with the loads.
     position: f64,
     place_squares: f64,
     products: [f64; N],
-    /// True if the level begins because the clock restarted.
+    /// The clock restarted before it.
     is_parted: bool,
 }
 
@@ -161,7 +160,7 @@ impl<const N: usize> Level<N> {
         self.rows += next.rows;
     }
 
-    /// Rise of a line through the rows from the first to the last.
+    /// Of a line through the rows, from the first to the last.
     fn rise(&self, axis: usize) -> f64 {
         match self.place_squares > 0.0 {
             true => (self.products[axis] / self.place_squares * self.rows as f64).abs(),
@@ -179,7 +178,7 @@ pub struct PlateauFinder<const N: usize = 6> {
     levels: Vec<Level<N>>,
     /// Rows that have left the last level and agree so far.
     leaving: Option<Level<N>>,
-    /// First rows after jumps of the clock.
+    /// First rows after them.
     jumps: Vec<u64>,
 }
 
@@ -233,7 +232,7 @@ impl<const N: usize> PlateauFinder<N> {
     }
 
     fn begin(&mut self, level: Level<N>) {
-        // Replaces the last level if there are too many to be of use: memory stays bounded.
+        // Memory stays bounded: too many levels are of no use.
         if self.levels.len() > 8 * MAX_GROUPS {
             self.levels.pop();
         }
@@ -260,7 +259,7 @@ impl<const N: usize> PlateauFinder<N> {
         })
     }
 
-    /// Levels, after a merge of neighbours that are closer than a share of the range.
+    /// Merges neighbours that are closer than a share of the range.
     fn merged(&self, ranges: &[f64; N], same: f64) -> Vec<Level<N>> {
         let is_same = |a: &Level<N>, b: &Level<N>| {
             (0..N).all(|axis| (a.mean[axis] - b.mean[axis]).abs() <= same * ranges[axis])
@@ -280,9 +279,8 @@ impl<const N: usize> PlateauFinder<N> {
         level.rows >= FEWEST_ROWS && (0..N).all(|axis| level.rise(axis) <= may_rise(axis))
     }
 
-    /// Steady levels that are long compared with the others: stretches in which the columns were held still.
-    /// Rows in transition from one to the next belong to none. Neighbours that are closer than the share
-    /// `same` of the range are merged.
+    /// Poses: steady levels that are long compared with the others. Rows in transition belong to
+    /// none. Merges neighbours that are closer than the share `same` of the range.
     pub fn holds(&self, same: f64) -> Vec<Level<N>> {
         let ranges = self.ranges();
         let mut holds = self.merged(&ranges, same);
@@ -299,7 +297,7 @@ impl<const N: usize> PlateauFinder<N> {
         holds
     }
 
-    /// Number of rows of each plateau, if the recording consists of plateaus.
+    /// If the recording consists of plateaus.
     fn plateaus(&self) -> Option<Vec<u64>> {
         let ranges = self.ranges();
         let plateaus = self.merged(&ranges, SAME_LEVEL);
@@ -322,7 +320,7 @@ impl<const N: usize> PlateauFinder<N> {
     }
 }
 
-/// Number of rows from each of `starts` to the next, and from the last to `end`.
+/// From each of `starts` to the next, and from the last to `end`.
 fn lengths(starts: impl Iterator<Item = u64>, end: u64) -> Vec<u64> {
     let starts: Vec<u64> = starts.chain([end]).collect();
     starts.windows(2).map(|pair| pair[1] - pair[0]).collect()
@@ -341,7 +339,7 @@ mod tests {
         2.0 * random.unit() - 1.0
     }
 
-    /// Loads of six axes, each held for the given number of rows, with this noise; 100 rows a second.
+    /// Six axes, each load held for the given number of rows; 100 rows a second.
     fn held(rows: &[usize], noise: f64) -> (Vec<f64>, Vec<Vec<f64>>) {
         let mut random = Random(7);
         let mut wrench = vec![Vec::new(); 6];
