@@ -12,7 +12,6 @@ use twox_hash::XxHash3_128;
 use crate::error::PythonFailure;
 use crate::interrupt::Watch;
 
-/// Rows of readings and wrench.
 pub(crate) struct Arrays<'a, 'w> {
     /// One row per sample, one column per channel, counts.
     pub(crate) readings: ArrayView2<'a, f64>,
@@ -23,7 +22,7 @@ pub(crate) struct Arrays<'a, 'w> {
     pub(crate) time: Option<ArrayView1<'a, f64>>,
     /// Repetitions of each row, and the original row of each repeated row.
     pub(crate) repeats: Option<(ArrayView1<'a, u32>, Vec<usize>)>,
-    /// If there are no repetitions.
+    /// Weight of each row, if there are no repetitions.
     pub(crate) weights: Option<ArrayView1<'a, f64>>,
     pub(crate) watch: &'w Watch,
 }
@@ -39,7 +38,8 @@ impl Arrays<'_, '_> {
         self.repeats.as_ref().map_or(self.readings.nrows(), |(_, rows)| rows.len())
     }
 
-    /// Without labels, and with `labels_all`, all rows get the same label.
+    /// Returns the rows as a data set. Without labels, and with `labels_all`, all rows get the same
+    /// label.
     pub(crate) fn dataset(&self, labels_all: bool) -> Result<Dataset, PythonFailure> {
         let rows = self.rows();
         let mut blocks = Vec::with_capacity(rows.div_ceil(BLOCK_ROWS));
@@ -59,7 +59,6 @@ impl Arrays<'_, '_> {
         Ok(Dataset::from_blocks("<array>", Axes::ALL, blocks))
     }
 
-    /// Returns a range of the rows.
     fn block(&self, range: Range<usize>) -> Block {
         let rows = match &self.repeats {
             Some((_, all)) => all[range.clone()].to_vec(),

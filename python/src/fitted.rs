@@ -34,7 +34,6 @@ impl From<CalibrationFile> for Fitted {
     }
 }
 
-/// The wrench, and standard errors if requested.
 type Predicted<'py> = (Bound<'py, PyArray2<f64>>, Option<Bound<'py, PyArray2<f64>>>);
 
 /// Readings, wrench, position of each row's label with the labels, number of repetitions, weight,
@@ -48,7 +47,7 @@ pub(crate) type RowArrays<'py> = (
     Option<PyReadonlyArray1<'py, f64>>,
 );
 
-/// For a calibration with memory terms that was applied without times.
+/// Creates the error for a calibration with memory terms that was applied without times.
 fn no_time(error: NoTime) -> PythonMessage {
     let told = PythonMessage::new("OptionError", error.to_string());
     PythonMessage { hint: Some("give `time`, in s".to_owned()), ..told }
@@ -216,7 +215,6 @@ impl Fitted {
         Ok(calibration.axes.of(&interval_factors(calibration, level)?))
     }
 
-    /// Returns whether it has memory terms.
     fn has_memory(&self) -> bool {
         self.0.calibration.memory.is_some()
     }

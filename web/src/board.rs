@@ -24,7 +24,6 @@ use shellcal::workflow::live::{Feed, LiveAction, LiveSession, LogSeries, guide_t
 use crate::request::FileRef;
 use crate::{Answer, Failure};
 
-/// The initial time span, s.
 const WINDOW_S: f64 = 10.0;
 
 #[derive(Deserialize)]
@@ -45,9 +44,9 @@ pub(crate) struct Begin {
 
 #[derive(Deserialize)]
 struct BoardEvents {
-    /// Since the connection began, by a monotonic clock.
+    /// Time since the connection began, by a monotonic clock.
     elapsed_ms: f64,
-    /// By the wall clock, which continues while a computer sleeps.
+    /// Time since then by the wall clock, which continues while a computer sleeps.
     arrival_ms: f64,
     order: Option<String>,
     draws: bool,
@@ -201,7 +200,7 @@ impl PageLogs {
         Box::new(PageLog { path, is_empty: true, logs })
     }
 
-    /// After `made` others.
+    /// Creates a log after `made` others.
     fn numbered(&self, made: usize) -> Box<dyn LogSink> {
         self.log(match made {
             0 => "board.csv".to_owned(),

@@ -39,7 +39,6 @@ use fit::FitRequest;
 pub struct Answer {
     /// The document to show; contains `error` and possibly `hint` after a failure.
     pub document: Value,
-    /// Files to save, by name.
     pub files: Vec<(String, Vec<u8>)>,
 }
 
@@ -110,7 +109,7 @@ enum PageRequest {
     /// A file's kind and its faults.
     Examine(Examine),
     Fit(FitRequest),
-    /// Of readings to forces.
+    /// Convert readings to forces.
     Convert(Convert),
 }
 

@@ -14,7 +14,7 @@ use crate::Failure;
 #[derive(Deserialize)]
 pub(crate) struct FileRef {
     pub(crate) name: String,
-    /// Among the files of the request, from 0.
+    /// Its position among the files of the request, from 0.
     file: usize,
 }
 

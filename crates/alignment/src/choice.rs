@@ -43,7 +43,6 @@ pub(super) struct Candidates {
 }
 
 impl Candidates {
-    /// Compares models; `families` has an entry for each feature of `gram`.
     pub(super) fn new(gram: &GramSums, families: &[Option<Family>], channels: usize) -> Self {
         let present: Vec<Family> =
             Family::ALL.into_iter().filter(|family| families.contains(&Some(*family))).collect();

@@ -38,7 +38,6 @@ pub(super) struct Match {
     pub(super) explained: f64,
     /// Score of the second-best peak relative to the best.
     pub(super) ratio: f64,
-    /// Offsets of peaks close to the best, s, the highest first.
     pub(super) rivals: Vec<f64>,
     /// Score against offset (s), relative to the best, for a figure.
     pub(super) scores: Vec<(f64, f64)>,
@@ -121,7 +120,6 @@ struct Changes {
     columns: Vec<Vec<f64>>,
     /// 0 without a change.
     squared: Vec<f64>,
-    /// 1 for each change.
     present: Vec<f64>,
     energy: f64,
 }
@@ -166,7 +164,6 @@ impl Changes {
     }
 }
 
-/// Gives the columns unit covariance, except for directions with hardly any signal.
 fn whiten(columns: &mut Vec<Vec<f64>>, present: &[f64]) {
     let rows: f64 = present.iter().sum::<f64>().max(1.0);
     columns.retain_mut(|column| {

@@ -100,7 +100,7 @@ impl Hint for AlignError {
 }
 
 impl AlignError {
-    /// True if the recordings could be compared, but the match is unreliable.
+    /// Returns true if the recordings could be compared, but the match is unreliable.
     pub fn is_refusal(&self) -> bool {
         matches!(
             self,

@@ -47,7 +47,6 @@ const HIGHEST_MATCHED_RATE_HZ: f64 = 250.0;
 const PROBE_S: f64 = 120.0;
 /// Most blocks tried.
 const PROBES: usize = 8;
-/// Prior standard deviation of the skew between clocks.
 const PRIOR_SKEW: f64 = 2e-4;
 
 /// Ratio of unexplained variances above which a rival is ruled out.
@@ -55,7 +54,6 @@ const CLEARLY: f64 = 4.0;
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Options {
-    /// Time over which the board averages a frame, s; 0 for an instant.
     pub exposure_s: f64,
     /// Consecutive equal readings are one frame logged repeatedly, even when still.
     pub repeats_are_stale: bool,
@@ -73,7 +71,6 @@ pub struct ClockMap {
     pub pivot_s: f64,
     pub offset_se_s: f64,
     pub skew_se: f64,
-    /// Covariance of offset and skew, s.
     pub covariance_s: f64,
 }
 
@@ -104,15 +101,13 @@ pub struct Quality {
     pub residual_counts: Vec<f64>,
     /// Rows of the board (averaged down to 250 Hz) compared.
     pub rows: usize,
-    /// Share of the readings' changes explained at the best offset of the search.
     pub search_explained: f64,
-    /// Score of the second-best offset relative to the best.
     pub search_ratio: f64,
     /// The score over all offsets (s), with a maximum of 1.
     pub search: Vec<(f64, f64)>,
     /// Delay of the readings by the memory of the springs: part of the model, not of the offset.
     pub spring_delay_s: f64,
-    /// Of offset (s) and skew, if residuals were white noise.
+    /// Standard errors of offset (s) and skew if residuals were white noise.
     pub white_se: [f64; 2],
     /// A block with much motion, for a figure.
     pub excerpt: Excerpt,
@@ -121,7 +116,7 @@ pub struct Quality {
 /// A channel around its steepest change.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Excerpt {
-    /// From 0, among those that change.
+    /// The channel, from 0, among those that change.
     pub channel: usize,
     pub points: Vec<[f64; 3]>,
 }
@@ -131,14 +126,11 @@ pub struct Aligned {
     pub clock: ClockMap,
     /// `None` if the loads do not match and the clocks come from edges.
     pub quality: Option<Quality>,
-    /// If they determined the clocks.
     pub edges: Option<EdgeMatch>,
-    /// Rows that were not used.
     pub reference_left_out: LeftOut,
     pub board_left_out: LeftOut,
     reference: Clean,
     board: Clean,
-    /// Time over which the board averages a frame, s.
     exposure_s: f64,
 }
 

@@ -122,7 +122,6 @@ impl Projected {
         })
     }
 
-    /// log det of the residual covariance.
     pub(super) fn log_volume(&self) -> f64 {
         match self.residual_covariance(self.total).llt(faer::Side::Lower) {
             Ok(factor) => (0..self.channels).map(|i| 2.0 * factor.L()[(i, i)].ln()).sum(),

@@ -4,10 +4,8 @@ use super::error::{AlignError, LEAST_OVERLAP_S, RecordingSide};
 use super::optics::ReadingReach;
 use shell_data::statistics::{extremes, upper_median};
 
-/// The recording of one sensor on its own clock.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Recording {
-    /// Time of each row, s, on the sensor's clock.
     pub time_s: Vec<f64>,
     /// Columns: for the reference the six axes in N and N·m, for the board its readings in counts.
     pub columns: Vec<Vec<f64>>,
@@ -16,7 +14,6 @@ pub struct Recording {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct LeftOut {
     pub not_finite: usize,
-    /// Not later than the previous row.
     pub not_later: usize,
     /// The sensor had no new value.
     pub repeated: usize,
@@ -32,7 +29,7 @@ const MOVE: f64 = 3.0;
 const LEAST_STEP: f64 = 1e-4;
 /// Consecutive equal values at the extreme of a column that mark the end of the range.
 const SATURATED_RUN: usize = 5;
-/// Up to this share, rows out of order are transmission errors.
+/// Rows out of order up to this share are transmission errors.
 const OUT_OF_ORDER: f64 = 0.01;
 
 #[derive(Clone, Debug)]
@@ -40,7 +37,6 @@ pub(super) struct Clean {
     /// Time since `start_s`, strictly increasing.
     pub(super) time_s: Vec<f64>,
     pub(super) columns: Vec<Vec<f64>>,
-    /// Within the range in every column.
     pub(super) in_range: Vec<bool>,
     pub(super) start_s: f64,
     pub(super) period_s: f64,
@@ -102,7 +98,6 @@ pub(super) struct BoardFrames {
 }
 
 impl BoardFrames {
-    /// Averages rows that come faster than `rate_hz`.
     pub(super) fn new(board: &Clean, rate_hz: f64) -> Self {
         let moving: Vec<&Vec<f64>> =
             board.columns.iter().filter(|c| c.iter().any(|&x| x != c[0])).collect();

@@ -62,7 +62,6 @@ const OUTLIER: f64 = 4.0;
 const NEARLY_S: f64 = 5e-4;
 /// A step of this length has lost the match, s.
 const LOST_S: f64 = 10.0;
-/// Half-length of the excerpt, s.
 const EXCERPT_S: f64 = 0.6;
 /// Features hardly change over a shorter step of the offset.
 const LARGEST_STEP_S: f64 = 0.01;
@@ -72,7 +71,6 @@ const LARGEST_STEP_S: f64 = 0.01;
 pub(super) struct Warp {
     pub(super) offset_s: f64,
     pub(super) skew: f64,
-    /// Board time of the offset, s.
     pub(super) pivot_s: f64,
 }
 
@@ -91,12 +89,12 @@ impl Warp {
 pub(super) struct WarpEstimate {
     pub(super) warp: Warp,
     pub(super) covariance: [[f64; 2]; 2],
-    /// Without the results of the search; times since the start of the board's recording.
+    /// The quality without the results of the search; times since the start of the board's
+    /// recording.
     pub(super) quality: Quality,
 }
 
 struct KnownSensor {
-    /// The map from features to straight readings.
     map: Mat<f64>,
     weights: Option<Mat<f64>>,
     bends: Vec<Bend>,
@@ -284,7 +282,6 @@ impl<'a> WarpProblem<'a> {
         nearly.ok_or(AlignError::NotConverged(step_s))
     }
 
-    /// Calls `each` with every row that the reference covers.
     fn for_each(&self, warp: &Warp, current: &KnownSensor, mut each: impl FnMut(&MatchedRow<'_>)) {
         let channels = self.frames.channels;
         let mut window = self.trajectory.features(current.model.clone());
@@ -330,7 +327,6 @@ impl<'a> WarpProblem<'a> {
         }
     }
 
-    /// The Gram matrix of the rows at a warp.
     fn gram(&self, warp: &Warp, current: &KnownSensor) -> GramSums {
         let mut gram = GramSums::new(current.map.nrows(), self.frames.channels);
         let width = gram.width();
@@ -353,7 +349,6 @@ impl<'a> WarpProblem<'a> {
         gram
     }
 
-    /// Uncertainty and quality at the solution.
     fn finish(
         &self,
         warp: Warp,

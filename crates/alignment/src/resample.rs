@@ -21,7 +21,6 @@ use std::f64::consts::PI;
 use super::inner_products::dots;
 use super::recording::Clean;
 
-/// Attenuation beyond the transition, dB.
 pub(super) const STOPBAND_DB: f64 = 80.0;
 /// Half of the transition, as a fraction of the output rate.
 const HALF_TRANSITION: f64 = 0.1;
@@ -100,7 +99,6 @@ impl<'a> Resampler<'a> {
 /// A tabulated symmetric low-pass kernel, 1/s.
 #[derive(Clone, Debug)]
 struct Kernel {
-    /// The kernel is zero beyond this distance, s.
     half_width_s: f64,
     per_s: f64,
     table: Vec<f64>,
@@ -138,7 +136,7 @@ impl Kernel {
         Self { half_width_s, per_s, table }
     }
 
-    /// In 1/s, at a distance of at most `half_width_s` in either direction.
+    /// The kernel at a distance of at most `half_width_s` in either direction, 1/s.
     #[inline]
     fn at(&self, distance_s: f64) -> f64 {
         let position = distance_s.abs() * self.per_s;
@@ -178,7 +176,6 @@ mod tests {
         (0..=(6.0 * rate_hz) as usize).map(|k| k as f64 / rate_hz).collect()
     }
 
-    /// Largest error relative to `expected` at uneven times.
     fn worst(source: &Clean, expected: impl Fn(f64) -> f64) -> f64 {
         let mut resampler = Resampler::new(source, 100.0, 0.0, STOPBAND_DB);
         let mut value = [0.0];
@@ -254,7 +251,6 @@ mod tests {
         assert!(forward.iter().eq(backward.iter().rev()));
     }
 
-    /// The kernel's gain at a frequency, by the trapezoidal rule with fine steps.
     fn gain(kernel: &Kernel, frequency_hz: f64) -> f64 {
         let steps = 200_000;
         let step_s = 2.0 * kernel.half_width_s / f64::from(steps);

@@ -22,7 +22,6 @@ use faer::MatRef;
 
 /// Half-widths of the plays, as shares of the largest load in the direction.
 const PLAY: [f64; 6] = [0.04, 0.08, 0.14, 0.21, 0.3, 0.42];
-/// Time constants of the lags, s, with their families.
 const LAGS: [(f64, Family); 6] = [
     (0.15, Family::Lags),
     (0.5, Family::Lags),
@@ -33,7 +32,6 @@ const LAGS: [(f64, Family); 6] = [
 ];
 /// Radii of the joint plays; the largest load on each axis is 1.
 const JOINT: [f64; 5] = [0.05, 0.1, 0.2, 0.35, 0.6];
-/// Number of plays and lags per axis.
 const MEMORIES: usize = PLAY.len() + LAGS.len();
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -166,7 +164,6 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// Converts consecutive samples of a wrench to features.
 #[derive(Clone, Debug)]
 pub(super) struct MemoryResponse {
     model: MemoryModel,

@@ -65,7 +65,6 @@ impl Trajectory {
         self.valid.len() as f64 * self.step_s
     }
 
-    /// Features in order of time.
     pub(super) fn features(&self, model: MemoryModel) -> FeatureWindow<'_> {
         FeatureWindow {
             trajectory: self,
@@ -78,7 +77,6 @@ impl Trajectory {
     }
 }
 
-/// Features at a few grid points; the window moves forward in time.
 #[derive(Debug)]
 pub(super) struct FeatureWindow<'a> {
     trajectory: &'a Trajectory,
@@ -124,7 +122,6 @@ impl FeatureWindow<'_> {
         true
     }
 
-    /// Makes the window cover the grid points k to k + 3.
     fn advance(&mut self, k: usize) {
         const KEPT: usize = 256;
         if k > self.first + KEPT {

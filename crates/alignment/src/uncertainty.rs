@@ -8,7 +8,6 @@ use super::response::MemoryModel;
 
 /// Residuals correlated for longer are drift, which the model includes, s.
 const CORRELATED_S: f64 = 0.5;
-/// Width of the bins in which scores are summed, s.
 const SCORE_BIN_S: f64 = 0.01;
 /// Share of the model error (residuals that are similar from row to row) that is assumed to lie
 /// along the slopes, where the offset absorbs it and no residual shows it. From sensors of six
@@ -41,14 +40,12 @@ pub(super) struct Solution<'a> {
     /// Coefficients of [slope | slope · time] on the features.
     pub(super) along: &'a Mat<f64>,
     pub(super) weights: &'a Mat<f64>,
-    /// B without constant and drift.
     pub(super) map: MatRef<'a, f64>,
     pub(super) model: &'a MemoryModel,
 }
 
 #[derive(Debug, Default)]
 pub(super) struct ResidualSums {
-    /// Time of the first row from the pivot, s.
     start_s: f64,
     pub(super) rows: usize,
     /// Jᵀ W e, summed in bins of time.
@@ -63,7 +60,6 @@ pub(super) struct ResidualSums {
     /// Σ (d − d′)ᵀ W (d − d′) over successive slopes.
     jumps: f64,
     slope_before: Vec<f64>,
-    /// Time of the last row from the pivot, s.
     end_s: f64,
     /// The fastest change of a reading: slope, channel and time from the pivot.
     pub(super) steepest: (f64, usize, f64),

@@ -21,7 +21,6 @@ pub enum Language {
     Matlab,
 }
 
-/// Name in the body, description and rows.
 type Constant = (&'static str, &'static str, Vec<Vec<f64>>);
 
 /// The calibration as a function `name`: an identifier, and for MATLAB the name of the file.
@@ -76,7 +75,6 @@ fn memory_constants(memory: &MemoryTerms) -> [Constant; 3] {
     ]
 }
 
-/// Describes the function, with the file's text unescaped.
 fn head(file: &CalibrationFile) -> String {
     let model = file.calibration.name();
     let serial = file.origin.sensor_serial.as_ref();

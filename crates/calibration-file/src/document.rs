@@ -75,7 +75,6 @@ fn term_names(model: &Model) -> Vec<String> {
     model.terms().iter().map(|term| model.term_name(term)).collect()
 }
 
-/// Parses a polynomial of a known version.
 pub(super) fn parse(text: &[u8]) -> Result<CalibrationFile, Problem> {
     read::<PolynomialDocument>(text)?.value().map_err(Problem::Inconsistent)
 }
@@ -149,7 +148,6 @@ impl PolynomialDocument {
     }
 }
 
-/// Fills the axes that were not calibrated with zeros.
 fn set_absent_to_zero(covariance: &mut Covariance, axes: Axes, terms: usize) {
     for axis in Axes::ALL.without(axes).iter().map(Axis::index) {
         if let CoefficientCovariance::Groups { factors, .. } = &mut covariance.coefficients {
@@ -250,7 +248,7 @@ struct PhysicsDocument {
     lag: Option<ReferenceLag>,
 }
 
-/// For a document without this scale.
+/// The scale of standard errors in a document that has none.
 fn as_they_are() -> PerAxis<f64> {
     [1.0; 6]
 }
@@ -289,7 +287,6 @@ impl PhysicsDocument {
         Ok(CalibrationFile { calibration, origin: self.origin })
     }
 
-    /// Checks consistency, on which the rest of the program relies.
     fn check(&self) -> Result<(), String> {
         let is_physics = self.model == NAME;
         ensure!(is_physics, "`model` is `{}`, expected `{NAME}`", self.model);

@@ -13,12 +13,10 @@ pub enum DocumentKind {
     Json,
     /// Lines of text: tables, manifests, profiles.
     Text,
-    /// Text or binary.
     Matrix,
 }
 
 impl DocumentKind {
-    /// Most bytes that are read.
     pub const fn budget(self) -> u64 {
         match self {
             // A calibration of the largest model with a covariance by groups.

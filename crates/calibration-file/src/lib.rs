@@ -141,7 +141,7 @@ pub enum Problem {
 pub struct JsonFault {
     pub line: usize,
     pub column: usize,
-    /// For a field, its name and the expected type.
+    /// The parser's message; for a field, its name and the expected type.
     pub message: String,
 }
 
@@ -169,7 +169,6 @@ impl From<serde_json::Error> for Problem {
     }
 }
 
-/// Fields that are read first.
 #[derive(Deserialize)]
 struct DocumentHeader {
     schema_version: u64,

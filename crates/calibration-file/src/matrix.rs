@@ -15,10 +15,9 @@ use shell_data::wrench::{Axes, Axis, PerAxis};
 
 use super::LARGEST;
 
-/// Information that a matrix file lacks.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ImportOptions {
-    /// By default the unit in the header, or mN·m without a header.
+    /// The unit of moments; by default the unit in the header, or mN·m without a header.
     pub moment_unit: Option<MomentUnit>,
     /// Variable of a MATLAB file; by default `N`, `C`, or the only one.
     pub variable: Option<String>,
@@ -34,15 +33,13 @@ pub enum MatrixError {
 
 const HEADER: [&str; 7] = ["feature", "Fx_N", "Fy_N", "Fz_N", "Mx_mNm", "My_mNm", "Mz_mNm"];
 
-/// Without names.
+/// Number of channels of a matrix without names.
 const BARE_CHANNELS: usize = 8;
 
 const MILLI: f64 = 1e3;
 
-/// The usual names of a calibration matrix, in order of preference.
 const USUAL_NAMES: [&str; 2] = ["N", "C"];
 
-/// Formats coefficients for raw readings as CSV, moments in mN·m.
 pub fn to_csv(polynomial: &Polynomial, axes: Axes) -> String {
     let names = axes.iter().map(|axis| HEADER[axis.index() + 1]);
     let mut csv = HEADER[..1].iter().copied().chain(names).collect::<Vec<_>>().join(",") + "\n";
@@ -192,7 +189,7 @@ fn unreadable(why: &str) -> MatrixError {
     MatrixError::Unusable(format!("cannot be read as a MATLAB 5 file: {why}"))
 }
 
-/// From a matrix without names, features by axes or axes by features.
+/// Makes a calibration from a matrix without names, features by axes or axes by features.
 fn from_values(
     rows: usize,
     columns: usize,

@@ -24,7 +24,7 @@ pub struct Origin {
     /// `None` for an imported matrix.
     pub diagnostics: Option<Diagnostics>,
     pub sources: Vec<SourceFile>,
-    /// If specified.
+    /// The roles of their columns, if these were specified.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub columns: Option<ColumnNames>,
 }
@@ -32,7 +32,6 @@ pub struct Origin {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SolverRecord {
     pub name: SolverKind,
-    /// The ridge parameter, 0 for none.
     pub ridge: f64,
     /// Directions with a smaller singular value, as a share of the largest, are omitted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -43,7 +42,6 @@ pub struct SolverRecord {
 pub struct Diagnostics {
     pub rows: u64,
     pub skipped_rows: u64,
-    /// Number of rows with the same readings as the previous row.
     pub repeated_rows: u64,
     pub rank: usize,
     /// Condition number of the features, with columns scaled to norm one; `None` if infinite.
@@ -52,12 +50,10 @@ pub struct Diagnostics {
     pub train: PerAxis<AxisQuality>,
     #[serde(with = "by_axis::option")]
     pub test: Option<PerAxis<AxisQuality>>,
-    /// Errors on held-out training groups, if requested.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cross_validation: Option<CrossValidation>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub selection: Option<Selection>,
-    /// How well the training loads cover the axes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub excitation: Option<Excitation>,
     /// Share of test rows at poses of the training data, if so many that the test cannot assess new
@@ -91,9 +87,7 @@ pub enum Role {
     Test,
     /// Wrench for the previous source, row by row.
     Wrench,
-    /// An imported coefficient matrix.
     Matrix,
-    /// The calibration that was updated.
     Calibration,
 }
 

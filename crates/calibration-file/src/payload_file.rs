@@ -26,9 +26,7 @@ const KIND: &str = "payload";
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PayloadFile {
-    /// Program and version.
     pub made_by: String,
-    /// Date and time, UTC, RFC 3339.
     pub date: String,
     pub sources: Vec<PayloadSource>,
     #[serde(flatten)]
@@ -85,7 +83,6 @@ impl PayloadFile {
         serde_json::to_string_pretty(&document).expect("plain numbers are always JSON") + "\n"
     }
 
-    /// Checks plausibility, on which the rest of the program relies.
     fn check(&self) -> Result<(), String> {
         let Payload { mass_kg, centre_m, force_bias_n, moment_bias_nm } = &self.fit.payload;
         let is_positive = *mass_kg > 0.0 && *mass_kg <= LARGEST;

@@ -190,7 +190,7 @@ impl Calibration {
         }
     }
 
-    /// After a check of the shape that callers promise.
+    /// Number of rows, after a check of the shape that callers promise.
     pub(super) fn rows_of(&self, readings: &[Vec<f64>]) -> usize {
         assert_eq!(readings.len(), self.columns(), "one column per channel, and its memory terms");
         let rows = readings.first().map_or(0, Vec::len);

@@ -74,7 +74,6 @@ pub enum FoundKind {
     Stretches,
 }
 
-/// Blocks of time of rows without any other group.
 const STRETCHES: u64 = 40;
 
 /// Neighbouring loads of shuffled rows have a smaller correlation; in order of time it is far
@@ -87,7 +86,7 @@ const MOST_STRETCHES: u64 = 100;
 /// Least length of a block of time, in correlation lengths of the loads.
 const STRETCH_LENGTHS: usize = 8;
 
-/// For the check of their order.
+/// Number of rows that the check of their order uses.
 const MOST_ROWS: usize = 20_000;
 
 impl FoundKind {
@@ -96,7 +95,7 @@ impl FoundKind {
         self.words()[0]
     }
 
-    /// In documents, in singular, in plural, and in full.
+    /// The names in documents, in singular, in plural, and in full.
     fn words(self) -> [&'static str; 4] {
         match self {
             Self::Plateaus => ["plateaus", "plateau", "poses", "plateaus of constant load"],
@@ -189,7 +188,7 @@ pub(crate) fn label_poses(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     given(data).or_else(|| label_plateaus(data))
 }
 
-/// If all logs may have some.
+/// Labels the rows by plateaus if all logs may have some.
 fn label_plateaus(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     let may_have = |log: &LogRows| may_have_plateaus(&log.sample, log.is_sampled_at_start);
     data.logs.iter().all(may_have).then(|| label_groups(data, HeldOut::Plateaus))?
@@ -262,7 +261,7 @@ fn find(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     Some(label_found(data, kind, rows.collect()))
 }
 
-/// As evenly as possible; `None` for a single row.
+/// Divides the rows of a log into blocks of time, as evenly as possible. `None` for a single row.
 fn stretches(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     let [log] = &data.logs[..] else { return None };
     let groups = log.rows().min(STRETCHES);
@@ -294,12 +293,13 @@ pub(crate) fn stretches_of_files(data: &Dataset) -> Option<(Dataset, Vec<Range<u
     Some((label_found(data, FoundKind::Stretches, lengths).1, files))
 }
 
-/// True if neighbouring loads are uncorrelated on every axis: rows cannot be held out by time.
+/// Returns true if neighbouring loads are uncorrelated on every axis: rows cannot be held out by
+/// time.
 pub(crate) fn rows_are_shuffled(data: &Dataset) -> bool {
     data.rows() > STRETCHES && load_correlation(data, 1) < SHUFFLED_BELOW
 }
 
-/// Of rows `lag` apart, on the axis where it is largest.
+/// The correlation of the loads of rows `lag` apart, on the axis where it is largest.
 pub(crate) fn load_correlation(data: &Dataset, lag: usize) -> f64 {
     let correlation = |axis: usize| {
         let mut rest = MOST_ROWS;
@@ -321,7 +321,7 @@ pub(crate) fn load_correlation(data: &Dataset, lag: usize) -> f64 {
     (0..6).map(correlation).fold(0.0, f64::max)
 }
 
-/// By groups with these numbers of rows in each log.
+/// Labels the rows of a data set by groups with the given numbers of rows in each log.
 fn label_found(data: &Dataset, kind: FoundKind, rows: Vec<Vec<u64>>) -> (GroupBy, Dataset) {
     let (mut all, mut data) = (Vec::new(), data.clone());
     for (log, rows) in data.logs.iter_mut().zip(rows) {
@@ -341,7 +341,7 @@ fn label_found(data: &Dataset, kind: FoundKind, rows: Vec<Vec<u64>>) -> (GroupBy
     (GroupBy::Found(found), data)
 }
 
-/// By consecutive runs; the last continues to the end.
+/// Labels the rows of a log by consecutive runs; the last continues to the end.
 pub(crate) fn label_runs(log: &mut LogRows, runs: impl IntoIterator<Item = (String, u64)>) {
     let (mut runs, mut label, mut left) = (runs.into_iter(), String::new(), 0);
     for block in &mut log.blocks {

@@ -54,7 +54,7 @@ pub struct MemoryTerms {
 #[derive(Clone, Debug)]
 pub struct MemoryState {
     memory: MemoryTerms,
-    /// Of the previous row.
+    /// Time and readings of the previous row.
     before: Option<(f64, Vec<f64>)>,
     /// `e` of each channel, time constant by time constant.
     averages: Vec<f64>,

@@ -7,7 +7,7 @@ use shell_data::wrench::{Axis, PerAxis};
 use crate::conversion::Calibration;
 use least_squares::reading_ranges::ReadingRange;
 
-/// In N or N·m, unless the training loads imply a larger one.
+/// Largest plausible force, in N or N·m, unless the training loads imply a larger one.
 const LARGEST_FORCE: f64 = 1e15;
 
 /// Largest plausible ratio of a force at a corner of the training range to the largest training
@@ -80,7 +80,7 @@ impl Calibration {
     }
 }
 
-/// Of the box of training readings, one column for each channel.
+/// Corners of the box of training readings, one column for each channel.
 fn corners(ranges: &[ReadingRange]) -> Vec<Vec<f64>> {
     let channels = ranges.len();
     let has_all = channels <= CORNER_CHANNELS;

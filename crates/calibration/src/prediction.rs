@@ -111,7 +111,7 @@ impl Calibration {
 }
 
 impl Calibration {
-    /// For rows outside the training range.
+    /// Widens the standard errors of rows outside the range of the training data.
     fn widen_outside(&self, readings: &[Vec<f64>], errors: &mut PerAxis<Vec<f64>>) {
         let flags = self.out_of_range(readings);
         let outside: Vec<usize> = (0..flags.len()).filter(|&row| flags[row] != 0).collect();
@@ -149,7 +149,7 @@ pub struct Trust {
     pub left_out: Vec<u64>,
 }
 
-/// Of differences from the tare: the errors of two poses are independent.
+/// Standard errors of differences from the tare: the errors of two poses are independent.
 fn tared(mut errors: PerAxis<Vec<f64>>, tare: Option<&Tare>) -> PerAxis<Vec<f64>> {
     if let Some(tare) = tare {
         for (column, variance) in errors.iter_mut().zip(tare.variance) {

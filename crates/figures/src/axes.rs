@@ -36,12 +36,9 @@ impl ValueRange {
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlotAxis {
-    /// The quantity: "measured Fx".
     quantity: String,
-    /// Empty for none.
     unit: String,
     spacing: Spacing,
-    /// Smallest and largest value shown.
     pub(super) range: ValueRange,
 }
 
@@ -84,7 +81,6 @@ impl PlotAxis {
         Self::new(quantity, unit, Spacing::Linear, low, high)
     }
 
-    /// Extends the axis by a share of its length at both ends.
     pub fn padded(mut self, share: f64) -> Self {
         let ValueRange { low, high } = self.range;
         let (low, high) = match self.spacing {
@@ -210,18 +206,14 @@ pub(super) struct Panel {
     pub(super) y: PlotAxis,
 }
 
-/// Space for tick labels and title left of a panel.
 pub(super) const LEFT_MARGIN: f64 = 60.0;
-/// Space for tick labels and title below a panel.
 pub(super) const BOTTOM_MARGIN: f64 = 40.0;
 
-/// The area of a panel as wide as a figure of this width allows.
 pub(super) fn wide_area(width: f64, top: f64, height: f64) -> Rect {
     Rect { left: LEFT_MARGIN + 8.0, top, width: width - LEFT_MARGIN - 24.0, height }
 }
 
 const TICK: f64 = 4.0;
-/// Suitable distances between two labels, in pixels.
 const TICK_PITCH: [f64; 2] = [44.0, 28.0];
 
 impl Panel {

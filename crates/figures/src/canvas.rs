@@ -17,10 +17,8 @@ const LARGEST: f64 = 13.0;
 const LARGEST_PT: f64 = 7.0;
 const LEAST_PT: f64 = 5.0;
 
-/// Pixels of a PNG per inch on paper.
 const PRINT_DPI: f64 = 600.0;
 
-/// Pixels of a PNG per CSS pixel on a screen.
 const SCREEN_PIXELS: f64 = 2.0;
 
 #[derive(Clone, Debug, PartialEq)]
@@ -31,15 +29,12 @@ pub struct Figure {
     pub(super) shapes: Vec<Shape>,
 }
 
-/// Width of a figure: on a screen, or in columns of a paper.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Size {
     /// Suits the content.
     #[default]
     Screen,
-    /// One column of a paper.
     Single,
-    /// Two columns.
     Double,
 }
 
@@ -57,12 +52,11 @@ impl Size {
         if self == Self::Screen { 1.0 } else { LARGEST_PT / LARGEST * PIXELS / POINTS }
     }
 
-    /// In units of the drawing; `usual` is the width on a screen.
+    /// The width of the drawing in its units, where `usual` is the width on a screen.
     pub(super) fn width(self, usual: f64) -> f64 {
         self.width_mm().map_or(usual, |width_mm| width_mm / MM * PIXELS / self.scale())
     }
 
-    /// Converts a length in units of the drawing to mm.
     pub(super) fn mm(self, length: f64) -> f64 {
         length * self.scale() * MM / PIXELS
     }
@@ -72,7 +66,6 @@ impl Size {
         if self == Self::Screen { size } else { size.max(LEAST_PT / LARGEST_PT * LARGEST) }
     }
 
-    /// Pixels of a PNG per unit of the drawing.
     pub(super) fn pixels(self) -> f64 {
         if self == Self::Screen { SCREEN_PIXELS } else { self.scale() * PRINT_DPI / PIXELS }
     }
@@ -90,7 +83,6 @@ pub(super) enum Shape {
         colour: Colour,
         pen: Option<Pen>,
     },
-    /// A text, and its tooltip.
     Text {
         at: (f64, f64),
         text: String,
@@ -105,7 +97,6 @@ pub(super) enum Shape {
 pub(super) enum Outline {
     /// In SVG path syntax, lines only.
     Path(String),
-    /// Centre and radius.
     Circle((f64, f64), f64),
     Rect(Rect),
 }
@@ -161,7 +152,6 @@ fn commands_of(path: &str) -> impl Iterator<Item = (char, Vec<f32>)> + '_ {
 pub(super) enum Pen {
     /// Frames and rings: one pixel wide, with mitred corners.
     Fine,
-    /// With round corners.
     Round(f64),
     /// Five pixels drawn, three omitted.
     Dashed(f64),

@@ -7,10 +7,8 @@ use super::palette::{self, Colour};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ChartMark {
-    /// A line through the points, in order.
     Line,
     Points,
-    /// Points joined by a line.
     Both,
 }
 
@@ -22,7 +20,6 @@ pub struct Series {
     pub mark: ChartMark,
 }
 
-/// One pair of axes with any number of series and a legend.
 #[derive(Clone, Debug)]
 pub struct Chart {
     pub title: String,
@@ -148,7 +145,6 @@ impl<'a> Legend<'a> {
         Self { size, labels }
     }
 
-    /// Width beside the panels.
     fn width(&self) -> f64 {
         if self.size.is_narrow() {
             return MARGIN;
@@ -158,7 +154,6 @@ impl<'a> Legend<'a> {
         KEY + 24.0 + labels.fold(0.0, f64::max)
     }
 
-    /// The uppermost panel, `usual` wide on a screen.
     pub(super) fn panel(&self, usual: f64, height: f64) -> Rect {
         let left = LEFT_MARGIN + 4.0;
         let width = match self.size {
@@ -168,7 +163,6 @@ impl<'a> Legend<'a> {
         Rect { left, top: TOP, width, height }
     }
 
-    /// With a title above a column of panels.
     pub(super) fn figure(&self, title: &str, [upper, lowest]: [Rect; 2]) -> Figure {
         let (bottom, entries) = (below(lowest), PITCH * self.labels.len() as f64);
         let height = match self.size.is_narrow() {

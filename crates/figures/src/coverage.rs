@@ -5,7 +5,6 @@ use super::canvas::{Figure, Rect, Size, Style};
 use super::palette;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Axes of each view, x first.
 const PAIRS: [[Axis; 2]; 4] =
     [[Axis::Fx, Axis::Fy], [Axis::Fx, Axis::Fz], [Axis::Mx, Axis::My], [Axis::Fz, Axis::Mz]];
 

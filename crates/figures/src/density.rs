@@ -25,7 +25,6 @@ impl ColourScale {
         ((position * LEVELS as f64) as usize).min(LEVELS - 1)
     }
 
-    /// Draws the scale as a bar with its labels below.
     pub(super) fn draw_bar(self, canvas: &mut Figure, bar: Rect, quantity: &str) {
         let step = bar.width / LEVELS as f64;
         let middle = bar.top + bar.height / 2.0;
@@ -96,7 +95,6 @@ fn level_colour(level: usize) -> Colour {
 pub(super) struct LoadPlateau {
     pub(super) measured: f64,
     pub(super) predicted: f64,
-    /// Of the predictions.
     pub(super) sd: f64,
 }
 

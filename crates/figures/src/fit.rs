@@ -70,7 +70,6 @@ const WIDTH: f64 = 900.0;
 const TOP: f64 = 62.0;
 /// Width of a panel on a screen; the size of cells is chosen for it.
 const PLOT_WIDTH: f64 = 222.0;
-/// Margins beside a panel.
 const MARGINS: f64 = 78.0;
 const RESIDUAL_HEIGHT: f64 = 130.0;
 const PROFILE_WIDTH: f64 = 42.0;
@@ -139,7 +138,6 @@ pub fn fit_figure(
 struct AxisView {
     axis: Axis,
     agreement: Vec<HistogramCell>,
-    /// Of measured and predicted.
     agreement_range: ValueRange,
     plateaus: Vec<LoadPlateau>,
     residuals: Vec<HistogramCell>,
@@ -201,7 +199,6 @@ impl AxisView {
         draw_density(canvas, &panel, (&self.agreement, colours), means, identity);
     }
 
-    /// Draws residual against predicted, with the distribution at the side.
     fn draw_residual(&self, canvas: &mut Figure, whole: Rect, colours: ColourScale) {
         let (name, unit) = (format!("predicted {}", self.axis.name()), self.axis.unit());
         let area = Rect { width: whole.width - PROFILE_WIDTH, ..whole };
@@ -228,7 +225,6 @@ impl AxisView {
     }
 }
 
-/// Draws cells, means of poses with their standard deviations, and a reference line.
 fn draw_density(
     canvas: &mut Figure,
     panel: &Panel,

@@ -80,7 +80,6 @@ impl Bins {
     }
 }
 
-/// Equal cells in `N` dimensions, over all data so far.
 #[derive(Clone, Debug)]
 pub(super) struct Grid<C, const N: usize> {
     pub(super) bins: [Bins; N],
@@ -160,7 +159,6 @@ impl Cell for u64 {
     }
 }
 
-/// A nonempty cell.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct HistogramCell {
     pub(super) x: ValueRange,

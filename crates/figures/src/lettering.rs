@@ -20,7 +20,6 @@ pub(super) fn face(bold: bool) -> &'static Face<'static> {
     if bold { &BOLD } else { &REGULAR }
 }
 
-/// In the units of the text's size.
 pub(super) fn width(text: &str, style: Style) -> f64 {
     let face = face(style.bold);
     let advance = |character| {
@@ -53,7 +52,6 @@ pub(super) fn outline(text: &str, at: (f64, f64), style: Style) -> Option<(Path,
     Some((outline.path.finish()?, transform))
 }
 
-/// In units of the font.
 struct Outline {
     path: PathBuilder,
     left: f32,

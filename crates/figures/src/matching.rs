@@ -42,7 +42,6 @@ pub fn match_figure(size: Size, title: &str, quality: &Quality) -> Figure {
     canvas
 }
 
-/// Draws points, and a line in a series' colour over them.
 fn draw(
     canvas: &mut Figure,
     panel: &Panel,

@@ -24,7 +24,6 @@ pub(super) const fn series(number: usize) -> Colour {
     Colour(SERIES[number % SERIES.len()])
 }
 
-/// Text and frames.
 pub(super) const INK: Colour = Colour(0x222222);
 pub(super) const GRID: Colour = Colour(0xe4e4e4);
 pub(super) const ZERO: Colour = Colour(0x999999);
@@ -32,7 +31,6 @@ pub(super) const ZERO: Colour = Colour(0x999999);
 pub(super) const PARTLY_INSIDE: Colour = Colour(0xe6e6e6);
 /// Time that it is wholly in: in grey print between the other background and white.
 pub(super) const INSIDE: Colour = Colour(0xfbe9ea);
-/// Spread about a mean.
 pub(super) const SPREAD: Colour = Colour(0xc9dcea);
 /// Reference lines over densities: identity, zero residual.
 pub(super) const REFERENCE: Colour = Colour(0xd55e00);

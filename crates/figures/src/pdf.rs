@@ -232,7 +232,6 @@ impl PdfFile {
         self.add([head.as_bytes(), &packed, b"\nendstream"].concat())
     }
 
-    /// Adds the table of the objects and the trailer.
     fn finish(mut self, catalog: usize) -> Vec<u8> {
         let (start, count) = (self.bytes.len(), self.objects.len() + 1);
         let mut table = format!("xref\n0 {count}\n0000000000 65535 f \n");

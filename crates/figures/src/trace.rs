@@ -85,7 +85,6 @@ impl Cell for Option<Sliver> {
 }
 
 impl Sliver {
-    /// The points in order of time, each once.
     fn points(&self) -> Vec<(f64, f64)> {
         let mut points = vec![self.first, self.lowest, self.highest, self.last];
         if self.highest.0 < self.lowest.0 {
@@ -101,7 +100,6 @@ const TOP: f64 = 40.0;
 const PANEL_HEIGHT: f64 = 106.0;
 const PANEL_PITCH: f64 = 118.0;
 
-/// Draws one panel per axis over a common time axis.
 pub fn trace_figure(size: Size, title: &str, trace: &WrenchTrace) -> Figure {
     let curves = Axis::ALL.into_iter().zip(&trace.axes);
     let shown: Vec<_> =
@@ -145,7 +143,6 @@ pub(super) fn draw_curves(
     });
 }
 
-/// The line through the points, without repeated points.
 fn path(panel: &Panel, curve: &TraceCurve) -> String {
     let mut path = String::new();
     let mut before = String::new();

@@ -7,7 +7,6 @@ pub(crate) const CLOCK_ROWS: usize = 50;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Clock {
-    /// The log's first row, s.
     pub first_s: f64,
     /// One over the usual period between rows.
     pub rate_hz: f64,
@@ -49,12 +48,11 @@ impl ClockSearch {
         }
     }
 
-    /// True after `CLOCK_ROWS` rows, or at the first later row whose time advances.
     pub fn is_done(&self) -> bool {
         self.rows >= CLOCK_ROWS && !self.periods_s.is_empty()
     }
 
-    /// At the rate `rate_hz` if given; `None` if time has not advanced.
+    /// The clock, at the rate `rate_hz` if given; `None` if time has not advanced.
     pub fn finish(&self, rate_hz: Option<f64>) -> Option<Clock> {
         let first_s = self.first_s?;
         let own = || {
@@ -71,7 +69,6 @@ impl ClockSearch {
 /// Later slots are clamped, as no valid time is that late.
 const LAST_SLOT: u64 = 1 << 60;
 
-/// Assigns slots to the rows of a log in order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Grid {
     clock: Clock,

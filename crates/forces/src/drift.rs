@@ -22,13 +22,11 @@ const MOST_CORRELATED: f64 = 0.95;
 pub struct Trend {
     pub slope: f64,
     pub standard_error: f64,
-    /// About the line.
     pub residual_rms: f64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Drift {
-    /// From the first stationary interval to the last.
     #[serde(flatten)]
     pub change: ZeroChange,
     /// Standard deviation of the zeros, without the noise within intervals.
@@ -63,8 +61,9 @@ impl Trend {
 }
 
 impl Drift {
-    /// From the levels of one of `quantities` in the stationary intervals, with the middle of each,
-    /// s, and its temperature. `None` for fewer than [`FEWEST_RESTS`] intervals.
+    /// The drift of one of `quantities` from its levels in the stationary intervals, with the
+    /// middle of each, s, and its temperature, `None` if unknown. Returns `None` for fewer than
+    /// [`FEWEST_RESTS`] intervals.
     pub fn fit(
         levels: &[QuietLevel],
         times_s: &[f64],

@@ -563,7 +563,7 @@ mod tests {
         }
     }
 
-    /// From the impulse response.
+    /// Gain at `frequency`, computed from the impulse response.
     fn gain(order: usize, cutoff: f64, frequency: f64, length: usize) -> f64 {
         let mut response = vec![0.0; length];
         response[0] = 1.0;

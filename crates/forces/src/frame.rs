@@ -17,9 +17,9 @@ use shell_data::wrench::{Axes, Axis, PerAxis, cross};
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameChange {
-    /// In the old frame, m.
+    /// The new origin in the old frame, m.
     origin_m: Vector,
-    /// In the old frame, row by row; orthonormal.
+    /// The new axes in the old frame, row by row; orthonormal.
     axes: Matrix,
     /// 1, or −1 for a mirror.
     determinant: f64,
@@ -160,8 +160,8 @@ mod tests {
         assert_near(at_point, [2.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
     }
 
-    /// After 90° about x the new y is the old z, and the next 90° are about that axis; another
-    /// order of rotations would give another result.
+    /// Rotations are about axes that have rotated before. After 90° about x the new y is the old z,
+    /// and the next 90° are about that axis; another order of rotations would give another result.
     #[test]
     fn turns_are_about_axes_that_have_turned_before() {
         let wrench = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0];

@@ -13,7 +13,7 @@ pub(super) struct LagShift {
     lag: ReferenceLag,
     /// Received so far, for lags in rows.
     rows: u64,
-    /// Of the buffered rows, in the unit of the lag, and their known forces.
+    /// Times of the buffered rows, in the unit of the lag, and the known forces of these rows.
     times: Vec<f64>,
     forces: PerAxis<Vec<f64>>,
     /// First buffered row without an output.
@@ -75,7 +75,6 @@ fn longest(forces: &PerAxis<Vec<f64>>) -> usize {
 
 struct Between {
     before: usize,
-    /// Share of the way to the next row.
     share: f64,
 }
 

@@ -16,7 +16,7 @@ pub struct ForceOptions {
     /// default low-pass that the user did not request.
     #[serde(skip)]
     pub low_pass_is_optional: bool,
-    /// In place of the log's own rate, Hz.
+    /// Slots of the low-pass per second, in place of the log's own rate, Hz.
     pub rate_hz: Option<f64>,
     pub rule: RowRule,
 }
@@ -41,7 +41,6 @@ pub struct LowPass {
     /// A causal filter attenuates to 1/√2 here, a zero-phase filter to 1/2.
     pub cutoff_hz: f64,
     pub order: usize,
-    /// Forward and backward, without delay.
     pub zero_phase: bool,
 }
 
@@ -86,7 +85,8 @@ impl ForceOptions {
         rule: RowRule::Time,
     };
 
-    /// With a causal low-pass and zero, as during recording, or with both free of delay.
+    /// These options with a causal low-pass and zero, as needed during recording, or with both free
+    /// of delay.
     pub fn with_delay(mut self, causal: bool) -> Self {
         if let Some(low_pass) = &mut self.low_pass {
             low_pass.zero_phase = !causal;
@@ -99,7 +99,6 @@ impl ForceOptions {
 }
 
 impl TareRule {
-    /// True if the zero follows the stationary intervals.
     pub fn follows_rests(self) -> bool {
         matches!(self, Self::Rests { .. })
     }

@@ -13,26 +13,25 @@ use super::stationary::StationaryInterval;
 use super::tare::{FirstRows, StationaryZeros, TareSearch};
 use super::{ForceOptions, LowPass, RowRule, TareFrames, TareResult, TareRule};
 
-/// From readings to forces, for one log. The default has the calibration's own zero and no filter,
-/// as [`ForceOptions::RAW`](super::ForceOptions::RAW).
+/// The pipeline from readings to forces, for one log. The default has the calibration's own zero
+/// and no filter, as [`ForceOptions::RAW`](super::ForceOptions::RAW) gives for any log.
 #[derive(Clone, Debug, Default)]
 pub struct ForcePipeline {
     pub(super) rule: RowRule,
     /// The first one, if it follows the stationary intervals.
     pub tare: Option<Tare>,
-    /// In place of the tare's mean, if the tare follows the stationary intervals.
+    /// The zeros to subtract in place of the tare's mean, if the tare follows the stationary
+    /// intervals.
     pub(super) zeros: Option<StationaryZeros>,
     pub tare_result: Option<TareResult>,
-    /// If they were kept.
     pub tare_frames: Option<TareFrames>,
     /// `None` if forces are not filtered.
     pub low_pass: Option<AppliedLowPass>,
     pub(super) filter: Option<(Clock, BlockPlan)>,
-    /// Of the reference, if forces are to be given at their rows' time stamps on its clock.
+    /// The lag of the reference, if forces are to be given at their rows' time stamps on its clock.
     pub lag: Option<ReferenceLag>,
 }
 
-/// With the rate of its grid.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct AppliedLowPass {
     #[serde(flatten)]
@@ -40,10 +39,8 @@ pub struct AppliedLowPass {
     pub rate_hz: f64,
 }
 
-/// Low-pass and lag over rows in order.
 #[derive(Clone, Debug)]
 pub struct ForceStream {
-    /// A filter for each requested axis.
     low_pass: Option<(Grid, Vec<(Axis, SignalFilter)>)>,
     lag: Option<LagShift>,
 }
@@ -85,12 +82,10 @@ impl ForcePipeline {
         wrench
     }
 
-    /// True if the force of a row depends on the rows around it.
     pub fn looks_around(&self) -> bool {
         self.filter.is_some() || self.lag.is_some()
     }
 
-    /// Columns may be empty.
     fn tare_off(&self, times_s: &[f64], wrench: &mut PerAxis<Vec<f64>>) {
         if let Some(zeros) = &self.zeros {
             for (row, &time_s) in times_s.iter().enumerate() {
@@ -161,7 +156,6 @@ impl ForceStream {
 pub struct PipelineSetup {
     options: ForceOptions,
     tare: TareSearch,
-    /// As far as times have been read.
     pub clock: ClockSearch,
 }
 
@@ -177,8 +171,8 @@ impl PipelineSetup {
         setup
     }
 
-    /// For use during recording: a tare that follows the stationary intervals searches only for the
-    /// first; report all of them to [`ForcePipeline::follow`].
+    /// Like [`Self::new`], for use during recording. A tare that follows the stationary intervals
+    /// searches only for the first; report all of them to [`ForcePipeline::follow`].
     pub fn while_recording(options: ForceOptions) -> Self {
         let mut setup = Self::new(options);
         setup.tare.finder = None;
@@ -195,12 +189,11 @@ impl PipelineSetup {
         self.tare.look_at(calibration, rows);
     }
 
-    /// True if rows that end at `last_s` may hold frames of the tare.
+    /// Returns true if rows that end at `last_s` may hold frames of the tare.
     pub fn wants_frames(&self, last_s: f64) -> bool {
         self.tare.wants(last_s)
     }
 
-    /// True if no more rows are needed.
     pub fn is_done(&self) -> bool {
         let needs_clock = self.options.low_pass.is_some();
         self.tare.is_done() && (!needs_clock || self.clock.is_done())
@@ -264,7 +257,6 @@ pub enum ForceError {
         "no frame between `{start_s}` and `{end_s}` s to tare on: frames run from `{first_s}` to `{last_s}` s"
     )]
     TareTime { start_s: f64, end_s: f64, first_s: f64, last_s: f64 },
-    /// The low-pass needs it.
     #[error("the sampling rate, which a low-pass needs, is not known: {0}")]
     NoRate(&'static str),
     #[error(transparent)]

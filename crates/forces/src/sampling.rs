@@ -2,12 +2,11 @@
 
 /// Histogram steps per doubling of the period: 0.3 % each.
 const STEPS: f64 = 256.0;
-/// From 2⁻³⁰ s (1 ns) to 2³⁰ s (34 years).
+/// The histogram resolves periods from 2⁻³⁰ s (1 ns) to 2³⁰ s (34 years).
 const DOUBLINGS: i32 = 30;
 /// Length of a gap in the recording, in usual periods.
 const GAP: f64 = 10.0;
 
-/// Periods between frames, with equal steps of their logarithm.
 #[derive(Clone, Debug, Default)]
 pub struct Sampling {
     last_s: Option<f64>,
@@ -18,7 +17,7 @@ pub struct Sampling {
 
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Rate {
-    /// Without gaps.
+    /// Frames per second, without gaps.
     pub mean_hz: f64,
     /// One over the median period.
     pub median_hz: f64,
@@ -26,7 +25,6 @@ pub struct Rate {
     pub spread: f64,
     /// Periods more than ten times the median.
     pub gaps: u64,
-    /// Frames that were not later than the previous one.
     pub backwards: u64,
 }
 

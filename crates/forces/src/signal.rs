@@ -170,7 +170,6 @@ impl SignalFilter {
         Ok(())
     }
 
-    /// One output per row.
     fn push_causal(&mut self, slot: u64, value: f64, answers: &mut Vec<f64>) {
         let plan = &self.plan;
         let paused = |running: &Running| slot - running.slot > plan.memory;
@@ -189,13 +188,11 @@ impl SignalFilter {
     }
 }
 
-/// Signal between two pauses.
 #[derive(Clone, Debug)]
 struct Segment {
     start: u64,
     base: u64,
     even: Vec<f64>,
-    /// Slots of the rows that wait for their output.
     waiting: Vec<u64>,
 }
 
@@ -204,7 +201,6 @@ impl Segment {
         Self { start: slot, base: slot, even: vec![value], waiting: vec![slot] }
     }
 
-    /// The slot after the last.
     fn end(&self) -> u64 {
         self.base + self.even.len() as u64
     }
@@ -223,19 +219,17 @@ impl Segment {
     }
 }
 
-/// A causal filter between two pauses.
 #[derive(Clone, Debug)]
 struct Running {
     start: u64,
     filter: Filter,
-    /// For the next block, once it has begun to process slots.
+    /// The filter of the next block, once it has begun to process slots.
     next: Option<Filter>,
     slot: u64,
     value: f64,
 }
 
 impl Running {
-    /// Processes the current slot.
     fn step(&mut self, plan: &BlockPlan) {
         let (slot, value) = (self.slot, self.value);
         self.filter.process(&mut [value]);

@@ -27,9 +27,8 @@ pub(super) struct TareSearch {
     found: usize,
     found_s: Option<(f64, f64)>,
     seen_s: Option<(f64, f64)>,
-    /// If they are kept.
     pub(super) frames: Option<TareFrames>,
-    /// If the tare follows the stationary intervals.
+    /// The zeros at the stationary intervals, if the tare follows them.
     zeros: Option<StationaryZeros>,
     /// `None` if the caller searches, and only the first interval is needed here.
     pub(super) finder: Option<StationaryFinder>,
@@ -38,7 +37,6 @@ pub(super) struct TareSearch {
 /// Frames of a tare; if it follows the stationary intervals, of the first.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TareFrames {
-    /// Readings, counts, one column per channel.
     pub readings: Vec<Vec<f64>>,
     pub times_s: Vec<f64>,
     /// Position of the right leg at each frame, counts; empty if unknown.
@@ -47,7 +45,6 @@ pub struct TareFrames {
 
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct TareResult {
-    /// With several stationary intervals, of the first.
     pub frames: usize,
     /// `None` if the log has no time.
     pub start_s: Option<f64>,
@@ -55,13 +52,12 @@ pub struct TareResult {
     /// Mean, which was subtracted, N and N·m.
     #[serde(serialize_with = "by_column")]
     pub wrench: AxisValues<f64>,
-    /// About the mean, N and N·m.
+    /// The standard deviation of the wrench about its mean, N and N·m.
     #[serde(serialize_with = "by_column")]
     pub sd: AxisValues<f64>,
     /// Stationary intervals, if the tare follows them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rests: Option<usize>,
-    /// End of the last stationary interval.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub last_rest_s: Option<f64>,
 }
@@ -70,9 +66,8 @@ pub struct TareResult {
 pub struct FirstRows<'a> {
     /// Empty if the log has no time.
     pub times_s: &'a [f64],
-    /// Readings, counts, one column per channel.
     pub readings: &'a [Vec<f64>],
-    /// New frames.
+    /// True for each row that is a new frame.
     pub fresh: &'a [bool],
     /// Position of the right leg at each row, counts, if known.
     pub leg: Option<&'a [f64]>,
@@ -88,7 +83,6 @@ impl TareSearch {
         search
     }
 
-    /// True if rows that end at `last_s` may hold frames of the tare.
     pub(super) fn wants(&self, last_s: f64) -> bool {
         match self.rule {
             TareRule::Between(start_s, _) => !self.is_done() && last_s >= start_s,
@@ -96,12 +90,11 @@ impl TareSearch {
         }
     }
 
-    /// True if all frames are found; the search for further stationary intervals continues.
+    /// Returns true if all frames are found; the search for further stationary intervals continues.
     pub(super) fn is_done(&self) -> bool {
         self.is_over || (self.found >= self.wanted() && self.finder.is_none())
     }
 
-    /// Most frames of a tare.
     fn wanted(&self) -> usize {
         match self.rule {
             TareRule::First(frames) => frames,
@@ -110,7 +103,6 @@ impl TareSearch {
         }
     }
 
-    /// In order.
     pub(super) fn look_at(&mut self, calibration: &Calibration, rows: FirstRows<'_>) {
         self.look_for_rests(calibration, rows);
         let wanted = self.wanted();
@@ -177,7 +169,7 @@ impl TareSearch {
         });
     }
 
-    /// With the tare and its frames; without them for [`TareRule::Untared`].
+    /// Builds a pipeline with the tare and its frames; without them for [`TareRule::Untared`].
     ///
     /// # Errors
     /// [`ForceError::TareFrames`], [`ForceError::TareTime`] if there are too few frames.
@@ -226,7 +218,6 @@ pub(super) struct StationaryZeros {
     knots: Vec<Knot>,
 }
 
-/// At a stationary interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Knot {
     middle_s: f64,
@@ -272,7 +263,6 @@ fn push_row(columns: &mut Vec<Vec<f64>>, readings: &[Vec<f64>], row: usize) {
     columns.iter_mut().zip(readings).for_each(|(column, readings)| column.push(readings[row]));
 }
 
-/// The mean over the frames of two tares.
 fn mean_of_both(a: &Tare, b: &Tare) -> Tare {
     let frames = a.frames + b.frames;
     let share = b.frames as f64 / frames as f64;
@@ -340,7 +330,6 @@ impl TareResult {
 /// is applied after tare and low-pass of the pipeline.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RunningTare {
-    /// The wrench to subtract, N and N·m.
     pub zero: PerAxis<f64>,
     /// Number and sum of wrenches.
     pending: Option<(usize, PerAxis<f64>)>,

@@ -26,14 +26,10 @@ pub const LANES: usize = 16;
 /// One feature of [`LANES`] rows.
 pub type RowLanes = [f64; LANES];
 
-/// Rule that computes one feature.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Recipe {
-    /// Standardised reading of a channel.
     Reading(usize),
-    /// Of two earlier features.
     Product(usize, usize),
-    /// The constant.
     One,
 }
 

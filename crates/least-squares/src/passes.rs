@@ -261,9 +261,8 @@ pub fn on_threads<I: Sync, S: Send, T: Send>(
 
 /// Folds results, which arrive in any order, in order.
 struct OrderedFold<T, F> {
-    /// First result that is not yet folded.
     next: usize,
-    /// From there on; `None` for those still missing.
+    /// The results from there on; `None` for those still missing.
     waiting: VecDeque<Option<Result<T, FitError>>>,
     fold: F,
     outcome: Result<(), FitError>,

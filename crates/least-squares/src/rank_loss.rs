@@ -90,7 +90,8 @@ impl RankLoss {
         Self { rank: features.len() - null_space.ncols(), features: features.len(), dependences }
     }
 
-    /// From relations found in integers, without relations of constant channels.
+    /// Explains a rank loss by relations that were found in integers. Omits relations of constant
+    /// channels.
     pub(crate) fn from_relations(
         rank: usize,
         features: usize,
@@ -182,7 +183,6 @@ fn shares(terms: &[Term], direction: ColRef<'_, f64>) -> Vec<(Term, f64)> {
 }
 
 impl Dependence {
-    /// With a dependence for each.
     fn constants(ranges: &ReadingRanges) -> (Vec<usize>, Vec<Self>) {
         let constant = ranges.constant_channels();
         let of = |&channel: &usize| Dependence::Constant {
@@ -322,7 +322,7 @@ impl fmt::Display for Dependence {
     }
 }
 
-/// To nine digits: an exact ratio looks exact despite rounding in the factorisation.
+/// Rounds to nine digits, so that an exact ratio looks exact despite rounding in the factorisation.
 fn rounded(value: f64) -> f64 {
     format!("{value:.9e}").parse().unwrap_or(value)
 }

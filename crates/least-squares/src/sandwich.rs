@@ -37,7 +37,7 @@ type Scores = PerAxis<Vec<f64>>;
 /// A group alone determines a direction with an eigenvalue of `K_g` this close to one.
 const ALONE: f64 = 1e-8;
 
-/// Of the sum of all `K_g` from the identity.
+/// The largest deviation of the sum of all `K_g` from the identity.
 const LARGEST_DEFECT: f64 = 1e-4;
 
 /// The scatter of the coefficients over groups of rows.
@@ -63,11 +63,10 @@ impl GroupScatter {
     }
 }
 
-/// Sums for the scatter while groups are being added.
 #[derive(Debug)]
 pub(crate) struct ScatterSums {
     groups: usize,
-    /// Of every group that does not determine a direction alone.
+    /// `v_g` of every group that does not determine a direction alone.
     scores: PerAxis<Vec<Vec<f64>>>,
     products: PerAxis<PerAxis<f64>>,
     /// The identity minus all `K_g`, if they must add up to it.
@@ -83,7 +82,6 @@ pub(crate) struct ScatterSums {
 pub(crate) struct Part {
     /// `v_g` for each axis.
     scores: Scores,
-    /// Per coefficient with requested degrees of freedom.
     influences: Vec<Influence>,
 }
 
@@ -251,7 +249,6 @@ impl Correction {
     }
 }
 
-/// Computes `M·x`.
 fn rows_times(rows: MatRef<'_, f64>, x: &[f64]) -> Vec<f64> {
     let of_row = |row: RowRef<'_, f64>| row.iter().zip(x).map(|(m, x)| m * x).sum();
     rows.row_iter().map(of_row).collect()

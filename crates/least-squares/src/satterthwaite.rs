@@ -41,7 +41,6 @@ pub(crate) struct Influence {
     pub(crate) pull: Vec<f64>,
 }
 
-/// The sums over groups for one coefficient.
 #[derive(Debug)]
 pub(crate) struct Moments {
     trace: f64,

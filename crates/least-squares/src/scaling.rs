@@ -42,7 +42,6 @@ impl Scaling {
     }
 }
 
-/// A summary of the readings of a channel.
 pub(crate) struct ChannelSample {
     pub(crate) min: f64,
     pub(crate) max: f64,

@@ -32,12 +32,12 @@ const MOST_TRACES: usize = 100;
 #[derive(Clone, Debug)]
 pub struct Report<'a> {
     pub heading: Heading<'a>,
-    /// In the manifest's order, with a thinned trace of each log that is to be plotted.
+    /// The results, in the manifest's order, with a thinned trace of each log that is to be
+    /// plotted.
     pub trials: &'a [TrialResult],
     /// Trials that could not be evaluated: file and reason.
     pub failed: &'a [(String, String)],
     pub conditions: &'a [ConditionRow],
-    /// Over a stride.
     pub phases: &'a [(String, PhaseProfile)],
     /// Name and value.
     pub settings: &'a [(String, String)],
@@ -49,7 +49,6 @@ pub struct Report<'a> {
     pub inputs: &'a [Input],
     /// Rows in the windows with an unreliable reading; `None` without forces.
     pub doubtful: Option<OutlierTable>,
-    /// Warnings that do not belong to a single trial.
     pub warnings: &'a [String],
 }
 
@@ -57,7 +56,6 @@ pub struct Report<'a> {
 pub struct Input {
     /// Its role: "log", "manifest", "calibration", "profile".
     pub role: String,
-    /// The path as it was given.
     pub path: String,
     pub bytes: u64,
     /// The checksum from `log_file::checksum`.
@@ -67,7 +65,6 @@ pub struct Input {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct OutlierTable {
     pub rows: Vec<OutlierRow>,
-    /// Of all rows.
     pub count: usize,
     /// Omitted from the evaluation.
     pub left_out: bool,
@@ -82,7 +79,6 @@ pub struct OutlierRow {
 }
 
 impl OutlierTable {
-    /// A sentence about the rows, and a table of them.
     fn html(&self, sentence: &str, caption: &str) -> String {
         if self.count == 0 {
             return "<p>None was found.</p>\n".to_owned();
@@ -110,7 +106,7 @@ impl Report<'_> {
         self.conditions.iter().find_map(|row| Some(&*row.difference.as_ref()?.reference))
     }
 
-    /// Content of a file.
+    /// The report as the content of an HTML file.
     pub fn html(&self) -> String {
         let plots = numbers::Plots::new(self);
         let data = plots.json();

@@ -58,7 +58,7 @@ impl Column {
     }
 }
 
-/// In a box that scrolls on narrow screens.
+/// A table of columns of equal length, in a box that scrolls on narrow screens.
 pub(super) fn table(caption: &str, columns: &[Column]) -> String {
     let caption = escape(caption);
     let rows = columns.first().map_or(0, |column| column.cells.len());
@@ -132,9 +132,7 @@ pub(super) fn capital(text: &str) -> String {
 #[derive(Clone, Copy, Debug)]
 pub struct Heading<'a> {
     pub title: &'a str,
-    /// Program and version.
     pub made_by: &'a str,
-    /// Date and time, UTC, RFC 3339.
     pub date: &'a str,
     /// Command line that reproduces the report.
     pub command: &'a str,

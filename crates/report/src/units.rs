@@ -7,9 +7,9 @@ use trial::{ConditionRow, Interval};
 /// The unit of a column: one prefix for all of its values.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct ColumnUnit {
-    /// On values in the SI unit.
+    /// The factor on values in the SI unit.
     pub(super) factor: f64,
-    /// With its prefix; empty for pure numbers.
+    /// The unit with its prefix, empty for pure numbers.
     pub(super) unit: String,
 }
 
@@ -58,7 +58,7 @@ impl ColumnUnit {
         self.estimate(Some(row.statistics.mean), row.statistics.mean_95)
     }
 
-    /// From the reference.
+    /// The difference of a condition from the reference.
     pub(super) fn difference(&self, row: &ConditionRow) -> String {
         let difference = row.difference.as_ref();
         self.estimate(difference.map(|d| d.mean), difference.and_then(|d| d.mean_95))
@@ -68,7 +68,7 @@ impl ColumnUnit {
         significant(value.map(|value| value * self.factor), 3)
     }
 
-    /// In three digits.
+    /// Both ends in three digits.
     pub(super) fn range(&self, low: f64, high: f64) -> String {
         format!("{} … {}", self.value(Some(low)), self.value(Some(high)))
     }

@@ -60,13 +60,11 @@ pub(super) struct Scales {
     pub(super) channels: Vec<(usize, f64, f64)>,
 }
 
-/// Training data in [`Scales`].
 #[derive(Clone, Debug)]
 pub(super) struct Scaled {
     /// Number of rows; columns are padded with zeros to a multiple of [`MOST_LANES`].
     pub(super) rows: usize,
     pub(super) wrench: PerAxis<Vec<f64>>,
-    /// One column per channel that varies.
     pub(super) readings: Vec<Vec<f64>>,
 }
 

@@ -158,7 +158,6 @@ pub(super) struct Answers<S: Simd> {
     pub(super) height: Lanes<S>,
     /// `dy/dq`.
     pub(super) slope: Lanes<S>,
-    /// Derivative with respect to ln ν.
     pub(super) by_shape: Lanes<S>,
 }
 

@@ -32,7 +32,6 @@ pub struct Noise {
 /// Residuals of a sensor, one per row.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Residuals {
-    /// Expected squares of the residuals.
     pub(super) squares: Vec<f64>,
     /// `(df/dq)²` at each row.
     pub(super) slope_squares: Vec<f64>,

@@ -32,7 +32,6 @@ pub struct Answer {
     pub slope: f64,
     /// `y − lo`, which is also the derivative with respect to ln h.
     height: f64,
-    /// Derivative with respect to ln ν.
     by_shape: f64,
 }
 

@@ -98,7 +98,6 @@ impl Data<'_> {
         cost.value
     }
 
-    /// The minimised cost at the parameters `p` of `curve`, with the prior.
     pub(super) fn cost_along(&self, curve: &Curve, p: &Parameters, prior: &Prior) -> Cost {
         let mut cost = cost_of(curve, &self.weights);
         for (i, value) in p.iter().enumerate() {
@@ -145,7 +144,6 @@ pub(super) struct Data<'a> {
     /// Readings, in ranges above the least.
     pub(super) readings: &'a [f64],
     pub(super) rows: usize,
-    /// Inverse variances.
     pub(super) weights: Vec<f64>,
 }
 
@@ -187,7 +185,6 @@ pub(super) struct Curve {
 }
 
 vectorised! {
-    /// Evaluates the curve with the parameters `p`.
     pub(super) fn curve_at<S: Simd>(simd: S, p: &Parameters, data: &Data<'_>) -> Curve {
         let column = || vec![0.0; data.readings.len()];
         let mut curve = Curve { residual: column(), gradient: std::array::from_fn(|_| column()) };
@@ -212,7 +209,6 @@ vectorised! {
 }
 
 vectorised! {
-    /// Sum over the rows of a curve with these weights.
     fn cost_of<S: Simd>(simd: S, curve: &Curve, weights: &[f64]) -> Cost {
         let Curve { residual, gradient } = curve;
         let mut information = [[[0.0; MOST_LANES]; PARAMETERS]; PARAMETERS];

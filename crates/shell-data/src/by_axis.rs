@@ -36,7 +36,7 @@ pub fn axes() -> Axes {
     AXES.get()
 }
 
-/// The names of the columns.
+/// Serializes the axes as the names of their columns.
 impl Serialize for Axes {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         self.columns().serialize(serializer)

@@ -171,7 +171,6 @@ const PREFIXES: [(char, &[&str], i32); 10] = [
 const SHORT_TIMES: [(&str, &str, i32); 3] =
     [("millis", "ms", -3), ("micros", "µs", -6), ("nanos", "ns", -9)];
 
-/// A product of symbols.
 #[derive(Clone, Debug)]
 struct Product {
     dimension: Dimension,

@@ -9,7 +9,6 @@ pub(super) const FEWEST_PERIODS: f64 = 10.0;
 
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum TrialError {
-    /// The calibration lacks axes that the results need.
     #[error("drag and lift are made of Fx and Fz: the calibration has no {0}")]
     Axes(Axes),
     #[error(

@@ -102,7 +102,6 @@ struct TrialEvaluation<'a> {
     input: &'a TrialInput<'a>,
     channel_length_m: f64,
     velocity_m_s: f64,
-    /// m·g·v̄, W.
     weight_power_w: f64,
     window: Range<usize>,
     signals: Signals,

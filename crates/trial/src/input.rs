@@ -10,7 +10,6 @@ use shell_data::wrench::PerAxis;
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Trial {
-    /// The log, as the manifest names it.
     pub file: String,
     pub condition: String,
     /// Entry into the channel, s on the log's clock.
@@ -35,7 +34,6 @@ impl Trial {
 pub struct LogTimes {
     pub first_s: f64,
     pub last_s: f64,
-    /// The usual time between rows, s.
     pub period_s: f64,
 }
 
@@ -48,7 +46,6 @@ pub struct TrialRows {
     pub readings: Vec<Vec<f64>>,
     /// True for each row whose readings differ from the previous row.
     pub fresh: Vec<bool>,
-    /// In counts.
     pub telemetry: Vec<(Telemetry, Vec<f64>)>,
 }
 
@@ -60,7 +57,6 @@ impl TrialRows {
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct TrialOptions {
-    /// Conversion of readings to forces.
     #[serde(flatten)]
     pub forces: ForceOptions,
     pub trace: TraceExtent,
@@ -72,7 +68,6 @@ pub struct TrialOptions {
     pub unexplained: Option<PerAxis<f64>>,
 }
 
-/// Extent of the trace in the results.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum TraceExtent {
@@ -96,7 +91,7 @@ impl Default for TrialOptions {
 #[derive(Clone, Copy, Debug)]
 pub struct Instrument<'a> {
     pub profile: &'a Profile,
-    /// Without one there are no forces.
+    /// The calibration of the shell; without one there are no forces.
     pub calibration: Option<&'a Calibration>,
 }
 
@@ -106,7 +101,7 @@ pub struct TrialInput<'a> {
     pub instrument: Instrument<'a>,
     pub times: &'a LogTimes,
     pub rows: &'a TrialRows,
-    /// With the frames of any tare; `None` without forces.
+    /// The pipeline from readings to forces, with the frames of any tare; `None` without forces.
     pub pipeline: Option<&'a ForcePipeline>,
     pub options: &'a TrialOptions,
 }

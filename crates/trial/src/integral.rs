@@ -7,7 +7,6 @@ use std::ops::Range;
 
 use forces::RowRule;
 
-/// A window over rows, with the weight of each row.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Span {
     /// Contributing rows, with their shares of the mean.

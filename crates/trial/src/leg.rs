@@ -42,7 +42,6 @@ pub(super) fn unwrap(times: &[f64], counts: &[f64], rad_per_count: f64) -> Vec<f
 pub(super) struct Strides {
     /// Start of each whole stride, and the end of the last, s; empty without strides.
     pub(super) times_s: Vec<f64>,
-    /// The longest time without significant motion, s.
     pub(super) longest_still_s: f64,
 }
 

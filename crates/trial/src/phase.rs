@@ -18,11 +18,9 @@ pub struct PhaseForce {
     pub sd_n: Vec<f64>,
 }
 
-/// Drag and lift over the phase of the right leg.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct PhaseProfile {
     pub strides: usize,
-    /// Middle of each bin, rad.
     pub phase_rad: Vec<f64>,
     /// Drag, −Fx.
     pub drag: PhaseForce,

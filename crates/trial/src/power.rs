@@ -19,7 +19,6 @@ pub(super) struct Power {
     pub(super) sides_w: Option<[Vec<f64>; 2]>,
 }
 
-/// Total, right and left.
 const POWERS: [Telemetry; 3] = [Telemetry::Power, Telemetry::RightPower, Telemetry::LeftPower];
 const CURRENTS: [Telemetry; 3] =
     [Telemetry::Current, Telemetry::RightCurrent, Telemetry::LeftCurrent];

@@ -29,7 +29,6 @@ pub struct Profile {
     pub channel: TrialChannel,
 }
 
-/// The value of one count in each telemetry column.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TelemetryScales {
@@ -42,7 +41,6 @@ pub struct TelemetryScales {
     pub duty_counts: f64,
 }
 
-/// A telemetry column in the logs of a robot.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TelemetryColumn {
@@ -58,7 +56,6 @@ pub struct TelemetryColumn {
 #[serde(deny_unknown_fields)]
 pub struct Motor {
     pub resistance_ohm: f64,
-    /// Torque constant Kt, N·m/A.
     pub torque_constant_nm_per_a: f64,
 }
 
@@ -67,7 +64,6 @@ pub struct Motor {
 pub struct Robot {
     /// Mass m, shell included, kg.
     pub mass_kg: f64,
-    /// Acceleration of free fall g, m/s².
     pub gravity_m_s2: f64,
     /// Length, m, if known; figures use it to shade entry and exit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -218,7 +214,6 @@ pub fn used_telemetry() -> impl Iterator<Item = Telemetry> {
     COLUMNS.into_iter().map(|(_, kind, _)| kind)
 }
 
-/// Key in a profile, if any.
 pub(super) fn key_of(kind: Telemetry) -> Option<&'static str> {
     COLUMNS.into_iter().find(|(_, of, _)| *of == kind).map(|(key, ..)| key)
 }

@@ -50,10 +50,8 @@ impl TrialResult {
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TrialRow {
-    /// The log, as the manifest names it.
     pub file: String,
     pub condition: String,
-    /// Entry into the channel, s on the log's clock.
     pub t_enter_s: f64,
     pub t_exit_s: f64,
     pub duration_s: f64,
@@ -72,7 +70,6 @@ pub struct TrialRow {
     pub stride_frequency_hz: Option<f64>,
     #[serde(skip)]
     pub channel_length_m: f64,
-    /// True if most frames are outside the calibrated range.
     #[serde(skip)]
     pub is_beyond_range: bool,
     #[serde(skip)]
@@ -107,7 +104,6 @@ pub struct StrideRow {
     pub t_end_s: f64,
     pub period_s: f64,
     pub rows: u64,
-    /// Over the length v̄·T.
     #[serde(flatten)]
     pub measures: RunMeasures,
 }
@@ -131,7 +127,6 @@ pub struct RunMeasures {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ConditionRow {
     pub condition: String,
-    /// The unit of observation.
     pub per: Per,
     pub quantity: Quantity,
     #[serde(flatten)]
@@ -140,7 +135,6 @@ pub struct ConditionRow {
     pub difference: Option<MeanDifference>,
 }
 
-/// A unit of observation: trials or strides.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Per {
@@ -148,7 +142,6 @@ pub enum Per {
     Stride,
 }
 
-/// A quantity by which trials and strides are compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Quantity {

@@ -150,7 +150,6 @@ pub(super) struct TrialForces {
     /// Tared and filtered, one value per row, N and N·m; axes that were not requested are empty.
     pub(super) wrench: PerAxis<Vec<f64>>,
     pub(super) frame_of_row: Vec<usize>,
-    /// Readings of each frame, counts, one column per channel.
     pub(super) frames: Vec<Vec<f64>>,
 }
 

@@ -39,11 +39,9 @@ const MOST_DRAWN: usize = 5000;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ValueSample {
     values: Vec<f64>,
-    /// Sum and number of the values of each cluster.
     clusters: Vec<(f64, usize)>,
     /// Errors common to all trials, along common directions: sums over the values.
     shared: Vec<f64>,
-    /// Degrees of freedom of the common errors.
     degrees_of_freedom: Option<f64>,
     /// The error of some trial is unknown.
     is_unknown: bool,
@@ -61,7 +59,7 @@ pub struct Statistics {
     /// Number of trials that the values come from.
     pub trials: usize,
     pub mean: f64,
-    /// With `n − 1`; `None` for a single value.
+    /// Standard deviation with `n − 1`; `None` for a single value.
     pub sd: Option<f64>,
     /// `None` with fewer than five trials.
     pub mean_95: Option<Interval>,
@@ -79,7 +77,6 @@ pub struct Statistics {
     pub values: Vec<f64>,
 }
 
-/// The difference of a mean from that of a reference condition.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct MeanDifference {
     pub reference: String,
@@ -114,7 +111,6 @@ impl ValueSample {
         self.is_unknown = true;
     }
 
-    /// The mean of the common errors.
     fn mean_shared(&self) -> impl Iterator<Item = f64> + '_ {
         let count = self.values.len().max(1) as f64;
         self.shared.iter().map(move |sum| sum / count)

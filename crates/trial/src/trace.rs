@@ -23,7 +23,6 @@ pub struct Trace {
 }
 
 impl Trace {
-    /// The rows between two times, s, both included.
     pub fn within(&self, from_s: f64, to_s: f64) -> Self {
         let rows: Vec<usize> = rows_within(&self.t_s, from_s, to_s).collect();
         self.with_rows(&rows)

@@ -33,7 +33,6 @@ use shell_data::wrench::{Axis, PerAxis};
 
 const LEVEL: f64 = 0.95;
 
-/// Uncertainty of the mean Fx and Fz of a trial.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ForceUncertainty {
     /// Half the widths of 95 % intervals, N.
@@ -145,7 +144,6 @@ fn of_polynomial(covariance: &Covariance, difference: &[f64]) -> ModelErrors {
 
 /// `Σ share·x` of the features x of each frame.
 fn mean_features(polynomial: &Polynomial, frames: &[Vec<f64>], shares: &[f64]) -> Vec<f64> {
-    /// Number of frames whose features are held at once.
     const FRAMES: usize = 256;
     let features = &polynomial.features;
     let mut mean = vec![0.0; features.len()];

@@ -9,7 +9,6 @@ use shell_data::hint::did_you_mean;
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct ValueTable {
-    /// The column of conditions.
     pub by: String,
     pub quantities: Vec<String>,
     /// Number of empty cells (missing values) of each quantity.

@@ -18,7 +18,6 @@ const CORRECTIONS: usize = 3;
 
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Pairing {
-    /// Indices of the reference's edge and of the board's, in order.
     pub(super) pairs: Vec<(usize, usize)>,
     line: ClockLine,
 }
@@ -37,7 +36,6 @@ impl Pairing {
         2 * shared.count() >= looked_at.count()
     }
 
-    /// Reference time minus board time at a board time, s.
     pub(super) fn offset_at(&self, board_s: f64) -> f64 {
         self.line.at(board_s) - board_s
     }
@@ -58,7 +56,6 @@ impl ClockLine {
         self.at_s + (1.0 + self.skew) * (board_s - self.pivot_s)
     }
 
-    /// Largest distance between an edge of the reference and the line, s.
     fn reach(self, board_s: f64, blur_s: f64) -> f64 {
         let beyond = (board_s - self.pivot_s).abs() / self.base_s.max(1e-9);
         // Skew error of a blur at either end of the base.
@@ -127,7 +124,6 @@ fn guesses(reference: &[f64], board: &[f64]) -> impl Iterator<Item = ClockLine> 
     })
 }
 
-/// Most edges of the board within the reference's recording under a guess.
 fn overlap(line: ClockLine, reference: &[f64], board: &[f64]) -> usize {
     let [first, .., last] = reference else { return reference.len() };
     let from = board.partition_point(|&time| line.at(time) < first - SLACK_S);

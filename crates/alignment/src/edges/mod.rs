@@ -28,15 +28,12 @@ const BOARD_SD_S: f64 = 5e-6;
 /// Fewest pairs that show their scatter.
 const ENOUGH_TO_SCATTER: usize = 5;
 
-/// Shares of the range below which a signal is low, and above which it is high.
 const LOW: f64 = 0.4;
 const HIGH: f64 = 0.6;
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Edges {
-    /// Edges in the reference's recording, on its clock, s.
     pub reference_s: Vec<f64>,
-    /// Edges at the board's sync input, on its clock, s.
     pub board_s: Vec<f64>,
     /// Time between two samples of the reference, s; an edge may lie anywhere between them.
     pub resolution_s: f64,
@@ -47,11 +44,9 @@ pub struct EdgeMatch {
     pub matched: usize,
     pub reference: usize,
     pub board: usize,
-    /// RMS residual of the pairs about offset and skew, s.
     pub residual_s: f64,
     /// True if the loads had to decide which edge is which.
     pub told_by_loads: bool,
-    /// The clock relation from the loads alone, if they give one.
     pub by_loads: Option<ClockMap>,
 }
 
@@ -124,7 +119,7 @@ impl Edges {
     }
 }
 
-/// Also returns true if the loads had to decide.
+/// The correct pairing, and true if the loads had to decide.
 fn choose<'a>(
     ways: &'a [Pairing],
     by_loads: Option<&ClockMap>,

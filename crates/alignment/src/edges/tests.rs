@@ -5,7 +5,6 @@ use system_tests::random::Random;
 
 const PERIOD_S: f64 = 1e-3;
 
-/// Times of edges with gaps `gap(i)`, s.
 fn times(count: usize, mut gap: impl FnMut(usize) -> f64) -> Vec<f64> {
     let mut at = 3.0;
     (0..count)

@@ -90,7 +90,6 @@ impl PartialFit {
         checksum::add(&to_json(&Among(self.axes, document)))
     }
 
-    /// Checks consistency, on which the rest of the program relies.
     fn check(&self) -> Result<(), String> {
         let (model, sums, axes) = (&self.model, &self.sums, self.axes);
         let field = sums.field();

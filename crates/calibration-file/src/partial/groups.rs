@@ -28,7 +28,6 @@ pub struct PartialGroups {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PartialGroup {
     pub label: String,
-    /// Source that has its first row.
     pub source: usize,
     /// Number of groups that begin before it in that source.
     #[serde(rename = "place")]
@@ -38,16 +37,16 @@ pub struct PartialGroup {
 }
 
 impl PartialGroups {
-    /// From sums whose rows `split` assigned to random folds; `first_in` has the source of each
-    /// group's first row.
+    /// Creates groups from `sums`, whose rows were assigned to random folds by `split`; `first_in`
+    /// has, for each group, the index of the source with its first row.
     pub fn exact(by: GroupKind, split: RandomSplit, sums: SumsByGroup, first_in: &[usize]) -> Self {
         let SumsByGroup { groups, random, .. } = sums;
         let groups = groups.into_iter().map(|(label, moments)| (label, Sums::Exact(moments)));
         Self { split, random, ..Self::new(by, groups, first_in) }
     }
 
-    /// From rows that cannot be summed exactly. They have no random folds, each of which would need
-    /// its own R factor.
+    /// Creates groups whose rows cannot be summed exactly. They have no random folds: the R factor
+    /// would have to be recomputed without each fold.
     pub fn factored(by: GroupKind, groups: FactoredGroups, first_in: &[usize]) -> Self {
         let groups = groups.groups.into_iter();
         Self::new(by, groups.map(|(label, rows)| (label, Sums::Factored(rows))), first_in)
@@ -64,7 +63,6 @@ impl PartialGroups {
         Self { by, split: RandomSplit::default(), groups, random: Vec::new() }
     }
 
-    /// Checks that the groups of `other` can be added.
     pub(super) fn check(&self, other: &Self) -> Result<(), MergeError> {
         expect(self.by.name(), other.by.name(), MergeError::GroupsAre)?;
         if self.split != other.split {
@@ -115,7 +113,6 @@ impl PartialGroups {
     }
 }
 
-/// Key for sorting.
 fn rank(source: &SourceFile) -> (&Path, Option<&str>) {
     (&source.path, source.checksum.as_deref())
 }

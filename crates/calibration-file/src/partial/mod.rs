@@ -25,16 +25,13 @@ use shell_data::wrench::Axes;
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PartialFit {
-    /// Program and version.
     pub made_by: String,
-    /// Date and time, UTC, RFC 3339.
     pub date: String,
     pub model: Model,
     pub skipped_rows: u64,
-    /// Number of rows with the same readings as the previous row.
     pub repeated_rows: u64,
     pub sources: Vec<SourceFile>,
-    /// If specified, for all of them alike.
+    /// The roles of their columns, if these were specified for all of them alike.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub columns: Option<ColumnNames>,
     #[serde(default = "all_axes", skip_serializing_if = "are_all")]
@@ -81,7 +78,7 @@ pub enum MergeError {
     Axes(Axes, Axes),
     #[error("its column {position} is `{found}`, expected `{expected}`")]
     Columns {
-        /// Among sensors and wrench, from 1.
+        /// The position among sensors and wrench, from 1.
         position: usize,
         expected: String,
         found: String,
@@ -139,7 +136,6 @@ impl Hint for MergeError {
 }
 
 impl PartialFit {
-    /// Has these sums of all six axes and no origin.
     pub fn new(model: Model, sums: Sums) -> Self {
         Self {
             made_by: String::new(),
@@ -212,7 +208,7 @@ impl PartialFit {
         }
     }
 
-    /// True if the rows of all files of `other` are included.
+    /// Returns true if the rows of all files of `other` are included.
     pub fn has_counted_all_of(&self, other: &PartialFit) -> bool {
         !other.sources.is_empty() && other.sources.iter().all(|source| self.has_counted(source))
     }

@@ -12,7 +12,7 @@ use crate::input::DocumentKind;
 pub struct PartialStream<R> {
     reader: R,
     name: PathBuf,
-    /// Before the next document.
+    /// Number of lines before the next document.
     lines: usize,
     document: Vec<u8>,
     has_failed: bool,

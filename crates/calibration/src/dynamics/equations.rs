@@ -17,7 +17,7 @@ use super::samples::SearchRows;
 use least_squares::validation::normal_equations::sums_without_each;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// On columns of norm one, as the condition numbers of memory terms require.
+/// λ on columns of norm one, which the condition numbers of memory terms require.
 const RIDGE: f64 = 1e-10;
 
 /// Largest lag that is searched, in periods.
@@ -102,16 +102,14 @@ impl ScaledFactor {
     }
 }
 
-/// Loads that are later by a whole number of periods.
 struct Knot {
     columns: Mat<f64>,
     with_features: FoldSums,
     eliminated: Vec<Mat<f64>>,
-    /// With the loads of the same axis at this and the next knots, fold by fold.
+    /// Products with the loads of the same axis at this and the next knots, fold by fold.
     with_next: [OnceLock<Vec<PerAxis<f64>>>; KNOTS],
 }
 
-/// Memory terms of a time constant, with their products.
 pub(super) struct MemoryColumns {
     pub(super) time_constant: f64,
     columns: Mat<f64>,
@@ -122,7 +120,6 @@ pub(super) struct MemoryColumns {
     with_loads: Vec<OnceLock<FoldSums>>,
 }
 
-/// Memory terms of some time constants, factored for each fit.
 #[derive(Clone)]
 pub(super) struct TermSet {
     pub(super) terms: Vec<Arc<MemoryColumns>>,
@@ -175,10 +172,8 @@ pub(super) struct LagSums {
     pub(super) slope: PerAxis<f64>,
 }
 
-/// Equations for features and some memory terms.
 pub(super) struct FoldEquations<'a> {
     pub(super) samples: &'a SearchRows<'a>,
-    /// Lag of the middle knot.
     origin: f64,
     features: FoldSums,
     /// All rows but those of each fold, then all rows.
@@ -241,7 +236,7 @@ impl<'a> FoldEquations<'a> {
         self.fits.iter().zip(products).map(|(fit, products)| fit.eliminate(products)).collect()
     }
 
-    /// On each axis, over the rows of a fold or all rows.
+    /// Products of the loads at two knots on each axis, over the rows of a fold or all rows.
     fn load_products(&self, a: usize, b: usize, fold: Option<usize>) -> PerAxis<f64> {
         let (low, high) = (self.knot(a.min(b)), self.knot(a.max(b)));
         let of_folds = low.with_next[a.abs_diff(b)].get_or_init(|| {
@@ -425,7 +420,7 @@ impl<'a> FoldEquations<'a> {
         sums
     }
 
-    /// On each fold, of fits without it; `None` for a lag too far from the origin.
+    /// Errors on each fold of fits without it, at a lag; `None` for a lag too far from the origin.
     pub(super) fn errors(&self, set: &TermSet, lag: f64) -> Option<FoldErrors> {
         let [loads, _] = self.blends(lag)?;
         let load_noise = self.samples.noise_of_loads(lag);
@@ -456,8 +451,8 @@ impl<'a> FoldEquations<'a> {
         Some(errors)
     }
 
-    /// For the fit to all rows: over all rows and, if `by_fold`, each fold. `None` for a lag too
-    /// far from the origin.
+    /// Sums for the fit to all rows at a lag: over all rows and, if `by_fold`, over the rows of
+    /// each fold. `None` for a lag too far from the origin.
     pub(super) fn lag_sums(
         &self,
         set: &TermSet,

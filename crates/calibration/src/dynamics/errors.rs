@@ -3,7 +3,6 @@
 use least_squares::validation::comparison::FoldMean;
 use shell_data::wrench::PerAxis;
 
-/// Of each held-out fold, per axis.
 #[derive(Clone, Debug)]
 pub(super) struct FoldErrors {
     pub(super) rows: u64,
@@ -25,13 +24,13 @@ impl FoldErrors {
         FoldMean::new(&self.systematic).value
     }
 
-    /// True if errors fall by more than a standard error, and by this share.
+    /// Returns true if errors fall by more than a standard error, and by this share.
     pub(super) fn are_lowered_by(&self, later: &Self, share: f64) -> bool {
         let gain = gain(&self.scores, &later.scores);
         gain.value > gain.standard_error && gain.value > share * self.score()
     }
 
-    /// True if errors fall by this share too, with and without noise.
+    /// Returns true if errors fall by this share too, with and without noise.
     pub(super) fn are_explained_by(&self, later: &Self, share: f64) -> bool {
         let least = share * self.score();
         let of = [(&self.scores, &later.scores), (&self.systematic, &later.systematic)];
@@ -41,7 +40,6 @@ impl FoldErrors {
         })
     }
 
-    /// Root mean square errors, N and N·m.
     pub(super) fn rms(&self) -> PerAxis<f64> {
         self.squares.map(|squares| (squares / self.rows as f64).sqrt())
     }

@@ -206,7 +206,6 @@ impl Gain {
     }
 }
 
-/// Factor and unit for printing times.
 fn unit(time: f64, base: TimeBase) -> (f64, &'static str) {
     match base {
         TimeBase::Rows => (1.0, "rows"),

@@ -35,7 +35,7 @@ impl ReferenceLag {
     }
 }
 
-/// As `4.38 ms`.
+/// Size of the lag, as `4.38 ms`.
 impl fmt::Display for ReferenceLag {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (factor, unit) = super::unit(self.by.abs(), self.time_base);
@@ -46,7 +46,6 @@ impl fmt::Display for ReferenceLag {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct RowClock {
     pub(super) time_base: TimeBase,
-    /// Between rows, in units of the time base.
     pub(super) period: f64,
 }
 
@@ -65,7 +64,6 @@ impl RowClock {
         Self { time_base: TimeBase::Seconds, period }
     }
 
-    /// Longest step of the clock that is not a gap.
     pub(super) fn gap(&self) -> Option<f64> {
         (self.time_base == TimeBase::Seconds).then_some(GAP_PERIODS * self.period)
     }
@@ -84,7 +82,6 @@ impl RowClock {
     }
 }
 
-/// Median of the positive steps.
 fn median_step(mut steps: Vec<f64>) -> Option<f64> {
     steps.retain(|&step| step > 0.0);
     upper_median(&mut steps)
@@ -94,7 +91,6 @@ fn median_step(mut steps: Vec<f64>) -> Option<f64> {
 pub(super) struct BetweenRows {
     before: usize,
     after: usize,
-    /// Of the way from one to the other.
     share: f64,
 }
 

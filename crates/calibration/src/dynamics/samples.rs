@@ -27,28 +27,24 @@ use shell_data::wrench::{Axis, PerAxis};
 /// More rows of longer recordings would add little.
 const MOST_ROWS: usize = 200_000;
 
-/// Rows on which errors are computed.
 const MOST_USED: usize = 8_000;
 
-/// Fewest used rows for each feature.
 const ROWS_PER_FEATURE: usize = 10;
 
 /// Most folds, and about the number of parts into which a few logs are divided.
 const FOLDS: usize = 10;
 
-/// From this number on, logs are not divided.
+/// Number of logs from which logs are not divided.
 const ENOUGH_LOGS: usize = 4;
 
 const MOST_FEATURES: usize = 150;
 
-/// A part of a log.
 struct LogPart<'a> {
     /// The last block may have more rows than the part.
     blocks: Vec<&'a Block>,
     times: Vec<f64>,
     segments: Vec<Range<usize>>,
     wrench: PerAxis<Vec<f64>>,
-    /// For errors.
     used: Vec<usize>,
     /// Runs of rows with one label, in used rows; empty without labels.
     group_ends: Vec<usize>,
@@ -58,9 +54,8 @@ pub(super) struct SearchRows<'a> {
     logs: Vec<LogPart<'a>>,
     pub(super) clock: RowClock,
     channels: usize,
-    /// Numbered over all logs.
     pub(super) folds: Vec<Range<usize>>,
-    /// Of the used rows; the last is constant if there is an intercept.
+    /// Features of the used rows; the last is constant if there is an intercept.
     pub(super) features: Mat<f64>,
     pub(super) noise: ReadingNoise,
     /// White noise, N² and (N·m)².
@@ -156,7 +151,6 @@ impl<'a> SearchRows<'a> {
         })
     }
 
-    /// Returns true if the rows of every log are labelled by group.
     pub(super) fn are_labelled(&self) -> bool {
         self.logs.iter().all(|log| !log.group_ends.is_empty())
     }
@@ -255,7 +249,6 @@ fn folds(logs: &[LogPart<'_>]) -> Vec<Range<usize>> {
     (0..folds).map(|fold| end(fold)..end(fold + 1)).collect()
 }
 
-/// Approximate number of rows for the gradients.
 const GRADIENT_ROWS: usize = 400;
 
 /// `Σ c²` of the fourth difference, `c` = 1, −4, 6, −4, 1, which removes everything that is smooth
@@ -268,7 +261,6 @@ const JUMP: f64 = 8.0;
 /// A row later than this many periods follows a missing row.
 const MISSING_PERIODS: f64 = 1.5;
 
-/// With gradients of the features with respect to the readings.
 pub(super) struct ReadingNoise {
     period: f64,
     channels: Vec<ChannelNoise>,
@@ -276,9 +268,7 @@ pub(super) struct ReadingNoise {
 
 struct ChannelNoise {
     variance: f64,
-    /// With a gradient.
     features: Vec<usize>,
-    /// Of the gradients: the means of products of two, and of each.
     products: Mat<f64>,
     means: Vec<f64>,
 }

@@ -20,7 +20,7 @@ use shell_data::wrench::PerAxis;
 
 const MOST_TIMES: usize = 4;
 
-/// Of neighbouring time constants.
+/// Ratio of neighbouring time constants on the grid.
 const GRID: f64 = 2.0;
 
 /// Closer time constants count as one.
@@ -29,9 +29,9 @@ const APART: f64 = 1.5;
 /// A memory term that lowers squared errors by a smaller share is not worth its state.
 const LEAST_GAIN: f64 = 0.02;
 
-/// For the first term if rows are labelled as groups: their order, and therefore the history,
-/// differs in use. Also for a lag with memory terms there: creep that a few time constants do not
-/// describe fully looks like a lag.
+/// Least gain of the first term if rows are labelled as groups: their order, and therefore the
+/// history, differs in use. Also the least gain of a lag beside memory terms there: creep that a
+/// few time constants do not describe fully looks like a lag.
 const LEAST_GAIN_IN_GROUPS: f64 = 0.2;
 
 /// Smaller errors relative to the loads are rounding.
@@ -40,10 +40,10 @@ const NOTHING_LEFT: f64 = 1e-12;
 /// Towards a lag; they converge like the secant method.
 const STEPS: usize = 12;
 
-/// For each of many time constants.
+/// Steps towards the lag for each of many time constants.
 const FIRST_STEPS: usize = 2;
 
-/// In rows.
+/// Lags from which the search starts, rows.
 const STARTS: [f64; 11] = [-32.0, -16.0, -8.0, -4.0, -2.0, 0.0, 2.0, 4.0, 8.0, 16.0, 32.0];
 
 /// Factors that move time constants, by round.
@@ -131,7 +131,6 @@ impl DynamicsSearch<'_> {
         })
     }
 
-    /// The best of a few.
     fn start(&self) -> f64 {
         let (period, none) = (self.samples().clock.period, self.equations.no_terms());
         let score = |rows: f64| (rows * period, self.score(&none, rows * period));
@@ -179,7 +178,6 @@ impl DynamicsSearch<'_> {
         (steepness > 0.0).then_some((lag, steepness))
     }
 
-    /// Inverse variances of the axes' residuals.
     fn weights(&self, sums: &LagSums) -> PerAxis<f64> {
         std::array::from_fn(|axis| {
             let square = sums.residual[axis];
@@ -188,7 +186,7 @@ impl DynamicsSearch<'_> {
         })
     }
 
-    /// From the scatter between folds.
+    /// The standard error of a lag, from the scatter between folds.
     fn lag_error(&self, set: &TermSet, lag: f64, steepness: f64) -> Option<f64> {
         let (sums, folds) = self.equations.lag_sums(set, lag, true)?;
         let weights = self.weights(&sums);
@@ -251,7 +249,6 @@ impl DynamicsSearch<'_> {
         Some((set, lag))
     }
 
-    /// Puts other terms at a position, at their best lag.
     fn attempt(
         &self,
         set: &TermSet,

@@ -11,7 +11,6 @@ use system_tests::random::Random;
 
 const RATE_HZ: f64 = 200.0;
 
-/// Number of sines in each load.
 const SINES: usize = 12;
 
 struct SyntheticSensor {
@@ -22,7 +21,6 @@ struct SyntheticSensor {
 }
 
 impl SyntheticSensor {
-    /// A recording of this many seconds.
     fn log(&self, seed: u64, seconds: usize) -> Dataset {
         let mut random = Random(seed);
         let sines: Vec<(f64, f64, f64)> = (0..6 * SINES)

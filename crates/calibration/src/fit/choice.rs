@@ -31,23 +31,19 @@ const FEWEST_GROUPS: usize = 10;
 #[derive(Clone, Debug, Default)]
 pub(super) struct ModelChoice {
     pub(super) basis: Basis,
-    /// Of the ridge.
     pub(super) ridge: f64,
     pub(super) selection: Option<Selection>,
-    /// If requested, or if the model was chosen by them.
+    /// Held-out errors, if they were requested or the model was chosen by them.
     pub(super) cross_validation: Option<CrossValidation>,
-    /// Advice from the choice or the held-out errors.
     pub(super) advice: Option<Advice>,
-    /// Of the training rows by held-out group, if computed.
+    /// The sums of the training rows by held-out group, if they were computed.
     pub(super) sums: Option<GroupedSums>,
-    /// For the covariance, if `sums` do not suit the solver or the groups.
+    /// Sums for the covariance by group, if `sums` do not suit the solver or the groups.
     pub(super) own_sums: Option<GroupedSums>,
     /// Groups that the covariance holds out together, if they are blocks of time.
     pub(super) stretches: Option<Vec<Range<usize>>>,
     pub(super) group_by: Option<GroupBy>,
-    /// The rows used, labelled by these groups.
     pub(super) labelled: Option<Dataset>,
-    /// The covariance is to come from the groups.
     pub(super) by_group: bool,
     /// Why it cannot, although there are some.
     pub(super) not_grouped: Option<FitError>,
@@ -119,7 +115,6 @@ impl FitInput<'_> {
         self.train.select(self.options.fresh, self.excluded)
     }
 
-    /// Training rows to use, labelled by the groups that can be held out.
     pub(super) fn labelled(&self, held_out: HeldOut) -> Option<(GroupBy, Dataset)> {
         self.select(label_groups(self.train, held_out))
     }
@@ -189,7 +184,7 @@ pub(super) fn choose(input: FitInput<'_>) -> Result<ModelChoice, FitError> {
 }
 
 impl FitOptions<'_> {
-    /// True if the options need groups to hold out.
+    /// Returns true if the options need groups to hold out.
     pub(super) fn validates(&self) -> bool {
         self.basis().is_none() || self.cross_validation.is_some()
     }
@@ -217,7 +212,7 @@ impl FitOptions<'_> {
         }
     }
 
-    /// As far as the options determine it.
+    /// The choice as far as the options determine it.
     pub(super) fn open(&self, group_by: Option<GroupBy>) -> ModelChoice {
         let by_group = match self.covariance {
             CovarianceRule::Groups => true,
@@ -272,7 +267,6 @@ impl FitOptions<'_> {
         }
     }
 
-    /// Adds errors and advice from sums by group.
     pub(super) fn decide(
         &self,
         mut choice: ModelChoice,
@@ -302,7 +296,6 @@ impl FitOptions<'_> {
         Model { basis, intercept: self.intercept, channels, memory }
     }
 
-    /// Chooses family and ridge by held-out groups.
     pub(super) fn select(
         &self,
         choice: &mut ModelChoice,
@@ -340,7 +333,8 @@ impl FitOptions<'_> {
         }
     }
 
-    /// From blocks of time in the files, if files of motion were held out.
+    /// Takes standard errors and intervals from blocks of time in the files, if files of motion
+    /// were held out.
     fn sum_stretches_of_files(&self, choice: &mut ModelChoice) -> Result<(), FitError> {
         let is_served = self.validates()
             && self.covariance == CovarianceRule::Auto

@@ -16,7 +16,6 @@ use shell_data::dataset::Dataset;
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Blocks into which a single log is divided.
 const PARTS: usize = 4;
 
 /// Most files that are compared, and that serve as the reference for the others.
@@ -58,7 +57,6 @@ const MOST_ROWS: u64 = 100_000;
 const EXPLAINED: f64 = 0.6;
 const SUDDEN: f64 = 0.6;
 
-/// Contradictions, most important first.
 pub(super) fn find(fit: &Fit, workers: Workers<'_>) -> Result<Vec<String>, FitError> {
     let mut found = parts(fit, workers)?;
     if found.is_empty() {
@@ -184,7 +182,6 @@ fn zero_jumps(fit: &Fit) -> Option<String> {
 struct Jump {
     at: usize,
     size: f64,
-    /// Share of the squares about the mean.
     explained: f64,
 }
 
@@ -286,7 +283,7 @@ fn same_readings(fit: &Fit) -> Option<String> {
     None
 }
 
-/// In the order of first rows; `None` for more than [`MOST_POSES`].
+/// The means of each pose, in the order of first rows; `None` for more than [`MOST_POSES`].
 fn pose_means(data: &Dataset) -> Option<Vec<(String, PoseMeans)>> {
     let mut positions: HashMap<&str, usize> = HashMap::new();
     let mut poses: Vec<(String, PoseMeans)> = Vec::new();

@@ -19,7 +19,7 @@ const MOST_LEFT: f64 = 0.3;
 /// Largest ratio of errors to those of the best cure for both to be equally good.
 const AS_GOOD: f64 = 1.15;
 
-/// To N and N·m.
+/// Factors from a recorded force to N, and from a recorded moment to N·m, with their descriptions.
 const FORCE_SCALES: [(f64, &str); 6] = [
     (1e-3, "dividing forces by 1000 (mN)"),
     (1e3, "multiplying forces by 1000 (kN)"),
@@ -37,17 +37,15 @@ const MOMENT_SCALES: [(f64, &str); 6] = [
     (9.806_65, "converting moments from kgf·m"),
 ];
 
-/// In rows.
+/// Longest delay that is tried, in rows.
 const LONGEST_DELAY: usize = 64;
 
 /// A change of reference or readings after which errors beyond their limits are far smaller.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Cure {
-    /// As in "exchanging Fx and Fy".
+    /// The change, as in "exchanging Fx and Fy".
     pub(super) change: String,
-    /// With the largest improvement.
     pub(super) axis: Axis,
-    /// Before and after it, N or N·m.
     pub(super) rms: [f64; 2],
     pub(super) is_zero: bool,
 }
@@ -90,7 +88,7 @@ impl Cure {
     }
 }
 
-/// In units of the limits.
+/// The largest error in units of the limits.
 fn worst(errors: &PerAxis<f64>, limit: &PerAxis<f64>, axes: Axes) -> f64 {
     let ratio = |axis: Axis| errors[axis.index()] / limit[axis.index()].max(f64::MIN_POSITIVE);
     axes.iter().map(ratio).fold(0.0, f64::max)
@@ -104,11 +102,9 @@ impl std::fmt::Display for Cure {
     }
 }
 
-/// Means of predicted and measured wrenches, and mean products of deviations.
 #[derive(Clone, Debug, Default)]
 pub(super) struct WrenchProducts {
     rows: f64,
-    /// Of the predicted and of the measured axes.
     means: [PerAxis<f64>; 2],
     predicted: PerAxis<f64>,
     measured: PerAxis<f64>,
@@ -131,7 +127,6 @@ struct BlockChange {
 }
 
 impl WrenchProducts {
-    /// From six columns of predicted and six of measured values.
     pub(super) fn new(predicted: &PerAxis<Vec<f64>>, measured: &[Vec<f64>]) -> Self {
         let rows = predicted[0].len();
         let count = rows.max(1) as f64;
@@ -154,7 +149,7 @@ impl WrenchProducts {
         }
     }
 
-    /// Of an axis that is read as `of` says.
+    /// The root mean square error of an axis that is read from the reference as `of` says.
     fn rms(&self, axis: usize, of: Reading, scale: f64, zero: bool) -> f64 {
         let k = of.sign * scale;
         let about_means = self.predicted[axis] - 2.0 * k * self.both[axis][of.from]
@@ -176,7 +171,7 @@ impl WrenchProducts {
         std::array::from_fn(|at| self.rms(3 * block + at, axes[at], scale.0, *zero))
     }
 
-    /// True if the errors after a change are a small share of the loads.
+    /// Returns true if the errors after a change are a small share of the loads.
     fn explains(&self, block: usize, change: &BlockChange) -> bool {
         let left: f64 = self.of_block(block, change).iter().map(|rms| rms * rms).sum();
         let load = |of: &Reading| {
@@ -245,7 +240,7 @@ impl WrenchProducts {
     }
 }
 
-/// In units of their limits.
+/// Returns true if errors, in units of their limits, are cured.
 fn cures(before: f64, after: f64) -> bool {
     before > 1.0 && before > SMALLER * after
 }

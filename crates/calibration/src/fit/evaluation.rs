@@ -89,7 +89,6 @@ pub fn evaluate(
     Ok(RowErrors::new(calibration, data, EvalOptions::default(), workers)?.logs)
 }
 
-/// Results in addition to the errors.
 #[derive(Clone, Copy, Default)]
 struct EvalOptions<'a> {
     /// Units in which errors are counted by size, if at all.
@@ -101,18 +100,16 @@ struct EvalOptions<'a> {
     sums_loads: bool,
 }
 
-/// Errors on the rows of a data set, and other results of the same pass.
 #[derive(Default)]
 pub(super) struct RowErrors {
     pub(super) logs: Vec<Evaluation>,
     pub(super) sizes: Option<PerAxis<Magnitudes>>,
-    /// By block, if requested.
+    /// The rows that were tested as outliers, by block, if requested.
     pub(super) tested: Vec<Vec<TestedRow>>,
-    /// Measured, if requested.
+    /// Sums of the measured wrench, if requested.
     pub(super) loads: WrenchSums,
-    /// Of each log, if logs are compared.
     pub(super) fingerprints: Vec<Fingerprint>,
-    /// Of all logs, if logs are compared.
+    /// A sample of the rows of all logs, if logs are compared.
     pub(super) sample: RowSample,
 }
 

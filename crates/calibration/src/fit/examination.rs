@@ -20,10 +20,10 @@ use shell_data::wrench::{Axes, Axis, PerAxis};
 const MOST: f64 = 2.0;
 const MOST_OF_TRAINING: f64 = 3.0;
 
-/// As a share of the calibrated range; smaller errors never fail a test.
+/// Errors below this share of the calibrated range never fail a test.
 const NO_ERROR: f64 = 1e-3;
 
-/// On which each exchange of two channels is tried.
+/// Maximum number of rows on which each exchange of two channels is tried.
 const ROWS_OF_EXCHANGE: usize = 300;
 
 /// The subject of a fault.
@@ -209,8 +209,8 @@ impl TestRatio {
         ratio.is_finite().then_some(Self { axis, ratio, interval })
     }
 
-    /// True if the error is certainly larger than `most` times the promised error; a single group's
-    /// limit is `most` squared.
+    /// Returns true if the error is certainly larger than `most` times the promised error; a single
+    /// group's limit is `most` squared.
     fn fails(&self, most: f64) -> bool {
         match self.interval[1].is_finite() {
             true => self.interval[0] > most,
@@ -269,7 +269,7 @@ fn exchanged_channels(
     best
 }
 
-/// A delay, for one log.
+/// The delay that cures the rows of one log.
 fn late(
     calibration: &Calibration,
     blocks: &[&Block],

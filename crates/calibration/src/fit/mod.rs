@@ -88,7 +88,6 @@ pub struct Fit {
     pub calibration: Calibration,
     /// How it was found.
     pub method: FitMethod,
-    /// Labelled by their groups, if these are known.
     pub used: Dataset,
     /// The test rows that were used.
     pub tested: Dataset,
@@ -262,7 +261,6 @@ impl Fit {
         fitted
     }
 
-    /// Warns about loads, leaks, the solution, intervals and the range of the test rows.
     fn warn(&mut self) {
         let test = self.test();
         let lever_m = self.excitation.as_ref().and_then(Excitation::lever_m);

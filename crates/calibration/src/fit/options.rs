@@ -161,7 +161,7 @@ impl FitOptions<'_> {
         }
     }
 
-    /// Unless it is chosen.
+    /// The family of features, unless it is chosen.
     pub(super) fn basis(&self) -> Option<Basis> {
         match self.model {
             ModelRule::Given(basis) => Some(basis),
@@ -169,7 +169,7 @@ impl FitOptions<'_> {
         }
     }
 
-    /// True if conspicuous rows start a search.
+    /// Returns true if conspicuous rows start a search.
     pub(super) fn looks_for_outliers(&self) -> bool {
         // A mean is not a recorded row.
         !self.means && self.outliers == OutlierRule::Report

@@ -16,7 +16,6 @@ use shell_data::block::Block;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Fits before the search stops.
 const MOST_ROUNDS: usize = 12;
 
 /// More rows are not slips: this share of all rows, but at least the second number.
@@ -30,10 +29,9 @@ const FAR_BEYOND: f64 = 2.5;
 /// column.
 const FAR_FROM_NEIGHBOURS: f64 = 2.0;
 
-/// In standard deviations.
+/// Minimum size of an impossible load, in standard deviations.
 const FAR_BEYOND_LOADS: f64 = 10.0;
 
-/// With the position of its block.
 type Suspect = (usize, TestedRow);
 /// Position of its block, and position in the block.
 type RowKey = (usize, usize);
@@ -52,7 +50,6 @@ pub fn find_outliers(data: &Dataset, options: &FitOptions<'_>) -> Result<Outlier
     search(data, options, None)
 }
 
-/// A fit to all rows, their spread, and the rows of each block that it tested.
 pub(super) struct KnownFit<'a> {
     pub(super) fit: &'a Solved,
     pub(super) spread: Spread,
@@ -150,15 +147,13 @@ struct OutlierSearch<'a> {
     data: &'a Dataset,
     options: &'a FitOptions<'a>,
     blocks: Vec<(usize, &'a Block)>,
-    /// To test in each block, ascending.
     suspects: Vec<Vec<usize>>,
     spread: &'a Spread,
-    /// Of the fit that last scanned all rows for suspects.
+    /// The standard deviations of the errors of the fit that last scanned all rows for suspects.
     looked_by: Option<PerAxis<f64>>,
 }
 
 impl OutlierSearch<'_> {
-    /// From the rows of each block that the fit to all rows tested.
     fn start_from(&mut self, fit: &Solved, tested: Vec<Vec<TestedRow>>) -> Vec<Suspect> {
         self.looked_by = RowTest::new(&fit.solution, self.spread).map(|test| test.noise);
         self.suspects = tested.iter().map(|of| of.iter().map(|of| of.row).collect()).collect();
@@ -214,7 +209,6 @@ impl OutlierSearch<'_> {
         rows.filter(|&row| fresh.as_ref().is_none_or(|fresh| fresh[row])).collect()
     }
 
-    /// Scans all rows for suspects.
     fn look(&mut self, test: &RowTest<'_>) -> Result<(), FitError> {
         let work = |room: &mut PerAxis<Vec<f64>>, &(_, block): &(usize, &Block)| {
             test.calibration.wrench(&block.readings, room);

@@ -9,7 +9,7 @@ use shell_data::block::Block;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, PerAxis};
 
-/// In which a cure is searched for.
+/// Maximum number of rows in which a cure is searched for.
 pub(super) const ROWS: usize = 4000;
 
 /// Up to [`ROWS`] rows, spread evenly over a part of some blocks, as a range of shares of all rows.
@@ -36,7 +36,8 @@ pub(super) fn predicted(calibration: &Calibration, rows: &Block) -> PerAxis<Vec<
     predicted
 }
 
-/// For the prediction of others; `None` if the rows do not determine the model.
+/// Fits a linear model to some rows, for the prediction of others; `None` if the rows do not
+/// determine it.
 pub(super) fn linear(
     rows: Block,
     axes: Axes,

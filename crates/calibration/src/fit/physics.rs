@@ -27,8 +27,8 @@ use sensor_physics::{
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// With fewer groups per coefficient of the cubic model, polynomials are unreliable between the
-/// groups.
+/// Number of groups per coefficient of the cubic model below which polynomials are unreliable
+/// between the groups.
 const GROUPS_PER_FEATURE: usize = 8;
 
 /// Ratio of squared errors on held-out groups and own rows above which a polynomial is a poor
@@ -54,7 +54,7 @@ pub struct PhysicsFit {
 }
 
 impl PhysicsFit {
-    /// As in a calibration file.
+    /// The held-out errors in the form of a calibration file.
     pub(super) fn cross_validation(&self) -> Option<CrossValidation> {
         let validation = self.validation.as_ref()?;
         let total = validation.total();
@@ -71,7 +71,6 @@ impl PhysicsFit {
     }
 }
 
-/// With its held-out errors.
 pub(super) type TriedPhysics = ((PhysicsCalibration, Choice), PhysicsValidation);
 
 /// Fits the physics model and finds its errors. A comparison may have `tried` it already.
@@ -126,7 +125,6 @@ pub(super) fn fit(input: FitInput<'_>, tried: Option<TriedPhysics>) -> Result<Fi
     Ok(fitted.with_errors(used, test, errors, options))
 }
 
-/// With the folds for its held-out errors.
 type FittedOnFolds = ((PhysicsCalibration, Choice), Vec<Vec<u64>>);
 
 /// Fits the physics model, and assigns folds for its held-out errors, on which the choice of priors
@@ -236,8 +234,8 @@ impl ModelComparison {
     }
 }
 
-/// True if there are few groups, or the polynomial has much larger errors on held-out groups than
-/// on its own rows. Blocks of time are not few: each has many loads.
+/// Returns true if there are few groups, or the polynomial has much larger errors on held-out
+/// groups than on its own rows. Blocks of time are not few: each has many loads.
 fn is_worth_trying(
     sums: &SumsByGroup,
     group_by: GroupBy,
@@ -261,7 +259,7 @@ fn is_worth_trying(
     Ok(new > MUCH_WORSE * own)
 }
 
-/// Relative to the variance of the load, over the axes that vary.
+/// The sum of squared errors relative to the variance of the load, over the axes that vary.
 fn relative_square(rms: &PerAxis<f64>, variances: &PerAxis<f64>) -> f64 {
     let relative = rms.iter().zip(variances).map(|(rms, variance)| rms.powi(2) / variance);
     relative.filter(|square| square.is_finite()).sum()

@@ -24,7 +24,8 @@ use shell_data::dataset::Dataset;
 use shell_data::fingerprint::Fingerprint;
 use shell_data::wrench::{Axes, PerAxis};
 
-/// Also returns why it is not by groups, if it falls back to independent rows.
+/// The covariance, if there is one; and why it is not by groups, if it falls back to independent
+/// rows.
 fn covariance(
     solution: &Solution,
     solver: SolverKind,

@@ -103,7 +103,6 @@ pub(super) fn rows_in_one(data: &Dataset) -> Block {
     all
 }
 
-/// Of fits without the fold.
 pub(super) type HeldOutFolds = Vec<PerAxis<HeldOutErrors>>;
 
 /// Errors on groups of labelled rows, with each fold held out in turn, and on random rows, unless
@@ -212,9 +211,9 @@ pub(super) struct Solved {
     pub(super) solution: Solution,
     pub(super) ranges: ReadingRanges,
     pub(super) solver: SolverKind,
-    /// If the exact solver was requested.
+    /// Why the exact solver was not used, if it was requested.
     pub(super) not_exact: Option<ExactError>,
-    /// If the solver is exact.
+    /// The exact sums that were solved, if the solver is exact.
     pub(super) sums: Option<ExactSums>,
 }
 

@@ -9,7 +9,6 @@ use shell_data::dataset::Dataset;
 use shell_data::wrench::Axis;
 use std::collections::HashSet;
 
-/// In characters.
 const WIDTH: usize = 100;
 
 const LABEL: usize = 7;
@@ -154,7 +153,7 @@ impl Verdict<'_> {
     }
 }
 
-/// If their times are calendar times.
+/// Number of days on which rows were recorded, if their times are calendar times.
 fn days(data: &Dataset) -> usize {
     const DAY_S: f64 = 86_400.0;
     // From 2001 on; no clock that starts with a recording runs that long.

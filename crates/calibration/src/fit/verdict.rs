@@ -27,7 +27,6 @@ pub struct Verdict<'a> {
     pub unseen: Option<UnseenErrors>,
     /// The interval that holds 95 % of single frames, or why it is not known.
     pub interval: Result<FrameInterval, String>,
-    /// Axes whose error is about as large as the loads.
     pub useless: Axes,
     gaps: Vec<Gap>,
 }
@@ -116,7 +115,7 @@ impl Verdict<'_> {
         faults.map(words).chain(of_model).chain(leak).collect()
     }
 
-    /// About the model or its errors on unseen rows.
+    /// The reasons that concern the model or its errors on unseen rows.
     pub(super) fn reasons_of_model(&self) -> Vec<String> {
         let leaks = self.fit.leaks;
         let (leak, rows) = match self.is_tested_only() {
@@ -139,7 +138,7 @@ impl Verdict<'_> {
         matches!(&self.unseen, Some(of) if matches!(of.on, UnseenRows::Test(_)))
     }
 
-    /// First of the test or the data.
+    /// The first fault of the test or the data.
     pub(super) fn fault(&self, place: FaultPlace) -> Option<&str> {
         let faults = self.fit.examination.iter().flat_map(|of| &of.faults);
         faults.filter(|fault| fault.place == place).map(|fault| fault.text.as_str()).next()

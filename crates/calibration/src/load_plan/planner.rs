@@ -45,7 +45,6 @@ fn dot<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
 /// the prior, terms of first order are determined first until there are more loads than terms.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Surface {
-    /// After some loads with unknown readings.
     pub(super) covariance: Box<[[f64; TERMS]; TERMS]>,
     largest: PerAxis<f64>,
 }
@@ -103,15 +102,14 @@ impl Surface {
 #[derive(Clone, Debug, PartialEq)]
 pub struct SensorKnowledge {
     model: PhysicsModel,
-    /// Of the standard errors.
     inflation: PerAxis<f64>,
 }
 
 struct SensorAnswer {
     gradient: Parameters,
-    /// By the wrench, in the model's scales.
+    /// Derivatives with respect to the wrench, in the model's scales.
     slopes: PerAxis<f64>,
-    /// For known parameters.
+    /// Variance of the response for known parameters.
     noise: f64,
 }
 
@@ -156,7 +154,7 @@ impl SensorKnowledge {
         pairs.map(gain).sum()
     }
 
-    /// Over loads with these responses, in the model's scales.
+    /// Mean variances of a wrench over some loads with these responses, in the model's scales.
     fn mean_variances(&self, range: &[Vec<SensorAnswer>]) -> PerAxis<f64> {
         let PhysicsModel { sensors, load_precision, lambda, .. } = &self.model;
         let mut sums = [0.0; 6];
@@ -248,8 +246,8 @@ pub struct PlannedLoad {
 pub enum PredictedError {
     /// Root mean square error of a wrench, N and N·m.
     Wrench(PerAxis<f64>),
-    /// Of the surface through the responses, in standard deviations of one pose, before any
-    /// reading.
+    /// Error of the surface through the responses, in standard deviations of one pose, because
+    /// nothing was read yet.
     Relative(f64),
 }
 

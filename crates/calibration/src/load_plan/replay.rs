@@ -128,7 +128,7 @@ struct SplitReplay<'a> {
 }
 
 impl SplitReplay<'_> {
-    /// With these numbers of poses, in an order that begins with the first `start`.
+    /// Errors with these numbers of poses, in an order that begins with the first `start`.
     fn errors(&self, order: Order, start: usize, counts: &[usize]) -> Result<Vec<f64>, FitError> {
         let mut taken: Vec<usize> = (0..start).collect();
         let mut errors = Vec::with_capacity(counts.len());

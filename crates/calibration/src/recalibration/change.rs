@@ -126,7 +126,7 @@ impl Change {
         }
     }
 
-    /// From the calibrated frame to the new one.
+    /// Converts a wrench from the calibrated frame to the new one.
     fn wrench(&self, calibrated: &PerAxis<f64>) -> PerAxis<f64> {
         let [fx, fy, fz, mx, my, mz] = *calibrated;
         let mut wrench = force_at(rotated([fx, fy, fz], self.turn_rad), self.lever_m);
@@ -135,7 +135,7 @@ impl Change {
         wrench
     }
 
-    /// From the new frame to the calibrated one.
+    /// Converts a wrench from the new frame to the calibrated one.
     fn calibrated_wrench(&self, wrench: &PerAxis<f64>) -> PerAxis<f64> {
         let [fx, fy, fz, mx, my, mz] = *wrench;
         let more = cross(self.lever_m, [fx, fy, fz]);
@@ -152,7 +152,7 @@ fn dot(a: &[f64; 6], b: &[f64; 6]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// By a rotation vector (Rodrigues).
+/// Turns `v` by a rotation vector (Rodrigues).
 fn rotated(v: [f64; 3], by: [f64; 3]) -> [f64; 3] {
     let angle = by.iter().map(|x| x * x).sum::<f64>().sqrt();
     // sin θ/θ and (1 − cos θ)/θ², which tend to 1 and 1/2.

@@ -65,7 +65,7 @@ const IMPOSSIBLE: f64 = 4.0;
 /// Candidate shares of these widths: a handful of numbers determines their scatter to some 30 %.
 const SHARES: [f64; 6] = [0.0, 0.0625, 0.125, 0.25, 0.5, 1.0];
 
-/// Of the search for shares, and passes through all four.
+/// Start of the search for shares, and number of passes through all four.
 const FIRST_SHARE: f64 = 0.25;
 const SWEEPS: usize = 4;
 
@@ -239,7 +239,6 @@ impl Calibration {
     }
 }
 
-/// Predicted minus measured wrench.
 fn errors(calibration: &Calibration, some: &[&Observation]) -> Vec<PerAxis<f64>> {
     let column = |channel| some.iter().map(|o| o.readings[channel]).collect();
     let readings: Vec<Vec<f64>> = (0..calibration.channels()).map(column).collect();

@@ -21,10 +21,10 @@ use shell_data::wrench::PerAxis;
 /// Linearisations: the third moves the result by a thousandth of a standard error.
 const ROUNDS: usize = 4;
 
-/// Of central differences, in standard deviations of the widest priors and in reference errors.
+/// Step of central differences, in standard deviations of the widest priors and in reference
+/// errors.
 const STEP: f64 = 1e-3;
 
-/// With the standard deviation of its widest prior.
 #[derive(Clone, Copy, Debug)]
 struct Unknown {
     quantity: ChangedQuantity,
@@ -60,13 +60,12 @@ pub(super) struct FoundChange {
     pub(super) shares: Shares,
     pub(super) change: Change,
     pub(super) standard_errors: Change,
-    /// Without each group of observations.
     pub(super) held_out: BTreeMap<u64, Change>,
     /// How much more probable the observations are than without a change.
     pub(super) ln_evidence: f64,
     /// Before and after the change, in stated errors; the second includes the prior terms.
     pub(super) disagreement: [f64; 2],
-    /// Would have changed more than in any sensor.
+    /// Quantity that would have changed more than in any sensor.
     pub(super) impossible: Option<ChangedQuantity>,
 }
 
@@ -76,7 +75,6 @@ pub(super) struct ChangeSearch<'a> {
     /// Reading that a gain does not change, and width of the calibrated range, counts.
     channels: Vec<(f64, f64)>,
     unknowns: Vec<Unknown>,
-    /// Of the covariance of each observation's differences.
     factors: Vec<Mat<f64>>,
 }
 
@@ -177,7 +175,7 @@ impl<'a> ChangeSearch<'a> {
         }
     }
 
-    /// From the unchanged calibration, in stated errors.
+    /// Group of the observation that is furthest from the unchanged calibration, in stated errors.
     pub(super) fn furthest(&self) -> u64 {
         let rows = self.whitened(&vec![0.0; self.unknowns.len()]);
         let square = |row: &Vec<f64>| row.iter().map(|x| x * x).sum::<f64>();
@@ -219,7 +217,7 @@ impl<'a> ChangeSearch<'a> {
         self.unknowns.iter().map(|of| shares[of.quantity as usize]).collect()
     }
 
-    /// Of each group, linear about `at`, and their sum.
+    /// Differences of each group, linear about `at`, and their sum.
     fn equations(&self, at: &[f64]) -> (BTreeMap<u64, ChangeEquations>, ChangeEquations) {
         let here = self.whitened(at);
         let columns: Vec<Vec<Vec<f64>>> = (0..at.len())
@@ -256,7 +254,7 @@ impl<'a> ChangeSearch<'a> {
         (groups, all)
     }
 
-    /// From unknowns in standard deviations of their widest priors.
+    /// Converts unknowns, in standard deviations of their widest priors, to a change.
     fn change(&self, at: &[f64]) -> Change {
         let still = |&(pivot, _): &(f64, f64)| ChannelChange { pivot, ..ChannelChange::default() };
         let mut change = Change {
@@ -346,7 +344,6 @@ impl<'a> ChangeSearch<'a> {
     }
 }
 
-/// All that may have changed and can be included in the calibration.
 fn unknowns(calibration: &Calibration, channels: &[(f64, f64)]) -> Vec<Unknown> {
     // A polynomial without a constant cannot represent a change of the zeros.
     let has_constant = calibration.polynomial().is_none_or(|of| of.model().intercept);

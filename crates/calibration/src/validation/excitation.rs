@@ -18,7 +18,7 @@ const SMALL_SHARE: f64 = 0.1;
 /// Longest plausible lever: an arm of 1 m has less. Moments with a longer one are in another unit.
 pub const LONGEST_LEVER_M: f64 = 2.0;
 
-/// From this correlation on, two axes move together.
+/// Correlation from which two axes count as moving together.
 const STRONG_CORRELATION: f64 = 0.9;
 
 /// Sums over wrenches, to be merged with sums over other rows.
@@ -27,7 +27,7 @@ pub struct WrenchSums {
     rows: u64,
     axes: PerAxis<AxisSums>,
     mean: PerAxis<f64>,
-    /// Of deviations from the mean, the upper triangle.
+    /// Sums of products of deviations from the mean, the upper triangle.
     products: PerAxis<PerAxis<f64>>,
 }
 
@@ -183,7 +183,6 @@ impl WrenchSums {
 }
 
 vectorised! {
-    /// At least one row.
     fn wrench_sums(wrench: &[Vec<f64>]) -> WrenchSums {
         let rows = wrench[0].len();
         let mut sums = WrenchSums { rows: rows as u64, ..WrenchSums::default() };
@@ -204,7 +203,6 @@ vectorised! {
     }
 }
 
-/// Interleaved.
 const LANES: usize = 8;
 
 /// Rows above zero after multiplication by `sign`, and their sum of squares. Each sum and side has
@@ -217,7 +215,6 @@ fn sign(column: &[f64], sign: f64) -> (u64, f64) {
     (rows as u64, lane_sum(column, column, |x, _| load(x) * load(x)))
 }
 
-/// Of `term` over the values of two columns.
 #[inline(always)]
 fn lane_sum(x: &[f64], y: &[f64], term: impl Fn(f64, f64) -> f64) -> f64 {
     let mut sums = [0.0; LANES];

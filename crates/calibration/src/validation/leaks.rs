@@ -16,7 +16,7 @@ use shell_data::wrench::PerAxis;
 
 const KEPT: usize = 4096;
 
-/// For the number of digits of loads.
+/// Number of rows that determine the number of digits of loads.
 const DIGIT_ROWS: usize = 256;
 
 /// Further digits of doubles cannot be distinguished.
@@ -25,7 +25,7 @@ const MOST_DIGITS: i32 = 12;
 /// Sums may be in another order: loads of one file within this share of the range are equal.
 const SAME: f64 = 1e-9;
 
-/// Of a load, to determine its readings.
+/// Fewest rows of a load that determine its readings.
 const FEWEST_ROWS: usize = 4;
 
 /// Fewer loads are not poses.
@@ -44,16 +44,14 @@ pub struct RowSample {
 struct SampledRow {
     load: PerAxis<f64>,
     readings: Vec<f64>,
-    /// If groups were requested.
     group: usize,
 }
 
-/// Of numbers rounded to some decimals or some significant digits.
+/// Last digit of numbers that were rounded to some decimals or to some significant digits.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct LastDigit {
     /// Last decimal place, as a power of ten.
     decimal: f64,
-    /// Significant digits.
     digits: i32,
 }
 
@@ -70,7 +68,6 @@ pub struct RecordedPoses {
 struct RecordedPose {
     load: PerAxis<f64>,
     readings: Vec<ReadingSpan>,
-    /// In the sample.
     rows: Vec<usize>,
 }
 
@@ -85,7 +82,6 @@ impl RowSample {
         Self { rows: (0..block.rows).step_by(stride).map(row).collect() }
     }
 
-    /// Of a labelled data set, with their groups.
     fn from_groups(data: &Dataset) -> Self {
         let (stride, mut sample) = (Self::stride(data.rows()), Self::default());
         let mut groups = HashMap::new();
@@ -119,7 +115,7 @@ impl RowSample {
         }
     }
 
-    /// Spread over all rows.
+    /// Some of the rows, spread over all of them.
     fn some(&self) -> impl Iterator<Item = &SampledRow> {
         self.rows.iter().step_by(self.rows.len().div_ceil(DIGIT_ROWS).max(1))
     }
@@ -171,7 +167,7 @@ impl RowSample {
 }
 
 impl LastDigit {
-    /// The finest of some numbers.
+    /// Finest last digit of some numbers.
     fn new(values: impl Iterator<Item = f64>) -> Self {
         let mut finest = Self { decimal: 1.0, digits: 1 };
         for value in values {
@@ -190,7 +186,7 @@ impl LastDigit {
         finest
     }
 
-    /// For a number of this size.
+    /// Largest rounding error of a number of this size.
     fn rounding(&self, value: f64) -> f64 {
         let leading = if value == 0.0 { f64::MIN } else { value.abs().log10().floor() };
         let significant = 10_f64.powf(leading + 1.0 - f64::from(self.digits));
@@ -243,7 +239,6 @@ impl RecordedPoses {
     }
 }
 
-/// Of some rows on a channel.
 type ReadingSpan = [f64; 2];
 
 fn spans<'a>(rows: impl Iterator<Item = &'a SampledRow>) -> Vec<ReadingSpan> {
@@ -257,7 +252,7 @@ fn spans<'a>(rows: impl Iterator<Item = &'a SampledRow>) -> Vec<ReadingSpan> {
     spans
 }
 
-/// True if every reading is within its range, widened by the range's width and by `slack`.
+/// Returns true if every reading is within its range, widened by the range's width and by `slack`.
 fn have(spans: &[ReadingSpan], row: &SampledRow, slack: f64) -> bool {
     spans.iter().zip(&row.readings).all(|(&[least, most], reading)| {
         let width = most - least + slack;
@@ -276,7 +271,8 @@ mod tests {
     use super::*;
     use system_tests::random::Random;
 
-    /// In a random order, each pose with its own load and readings; noise of one count.
+    /// Rows of poses in a random order, each pose with its own load and readings; noise of one
+    /// count.
     fn poses(seed: u64, poses: usize, rows: usize) -> Vec<(PerAxis<f64>, Vec<f64>, usize)> {
         let mut random = Random(seed);
         let mut all = Vec::new();
@@ -307,7 +303,6 @@ mod tests {
         sample
     }
 
-    /// Rounds to this many significant digits.
     fn significant(value: f64, digits: usize) -> f64 {
         format!("{value:.*e}", digits - 1).parse().unwrap()
     }

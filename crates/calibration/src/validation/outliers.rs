@@ -53,7 +53,7 @@ use shell_data::wrench::{Axis, PerAxis};
 /// Least limit for the size of an error: a row beyond the limit is an outlier.
 pub const LIMIT: f64 = 10.0;
 
-/// From its mean, in standard deviations.
+/// Limit for the distance of a reading from its mean, in standard deviations.
 const FAR: f64 = 8.0;
 
 /// Smaller rows are not tested: the leverage takes time.
@@ -89,7 +89,6 @@ pub struct RowTest<'a> {
     factor: TriangularColumns,
     /// The standard deviation of the errors of each axis, N and N·m.
     pub noise: PerAxis<f64>,
-    /// Coefficients divided by rows.
     average_leverage: f64,
 }
 
@@ -106,7 +105,7 @@ pub struct TestedRow {
     pub axis: usize,
     /// The neighbours have smaller errors, and the load changes by less than the error.
     errs_alone: bool,
-    /// Of a reading from its mean, in standard deviations.
+    /// The largest distance of a reading from its mean, in standard deviations.
     far: f64,
     /// That reading is far from both neighbours, too.
     is_far_alone: bool,
@@ -252,22 +251,21 @@ vectorised! {
     }
 }
 
-/// With its index in columns that hold copies of it and its neighbours.
+/// A row of a block, and its index in columns that hold copies of this row and its neighbours.
 #[derive(Clone, Copy, Debug)]
 struct TestPosition {
     row: usize,
     at: usize,
-    /// Of the block.
     rows: usize,
 }
 
 impl TestPosition {
-    /// If the block has such a row.
+    /// The index of the row `distance` before it, if the block has one.
     fn before(self, distance: usize) -> Option<usize> {
         (self.row >= distance).then(|| self.at - distance)
     }
 
-    /// If the block has such a row.
+    /// The index of the row `distance` after it, if the block has one.
     fn after(self, distance: usize) -> Option<usize> {
         (self.row + distance < self.rows).then_some(self.at + distance)
     }
@@ -343,13 +341,14 @@ fn distance(columns: &Block, spread: &Spread, position: TestPosition) -> (f64, b
     (far, is_apart(position.before(1)) && is_apart(position.after(1)))
 }
 
-/// From both neighbours.
+/// Largest difference between a value and its neighbours.
 fn change(values: &[f64], position: TestPosition) -> f64 {
     let beside = [position.before(1), position.after(1)].into_iter().flatten();
     beside.map(|at| (values[position.at] - values[at]).abs()).fold(0.0, f64::max)
 }
 
-/// True if a reading jumps from both neighbours by `limit` times the deviation of its channel.
+/// Returns true if a reading jumps from both neighbours by `limit` times the deviation of its
+/// channel.
 fn jumps(columns: &Block, deviations: &[f64], limit: f64, position: TestPosition) -> bool {
     let [before, after] = [position.before(1), position.after(1)];
     let (Some(before), Some(after)) = (before.or(after), after.or(before)) else { return false };
@@ -359,7 +358,7 @@ fn jumps(columns: &Block, deviations: &[f64], limit: f64, position: TestPosition
     })
 }
 
-/// Above both neighbours, or below both; negative between them.
+/// The distance of a value above both neighbours, or below both; negative if it is between them.
 #[inline(always)]
 fn jump(value: f64, [before, after]: [f64; 2]) -> f64 {
     let (a, b) = (value - before, value - after);
@@ -373,9 +372,9 @@ fn jump(value: f64, [before, after]: [f64; 2]) -> f64 {
 pub struct Spread {
     /// Readings of each channel, then axes of the wrench.
     pub(super) means: Vec<f64>,
-    /// In the same order.
+    /// Standard deviations of the readings and of the wrench, in the same order.
     pub(super) deviations: Vec<f64>,
-    /// Of each channel from row to row.
+    /// The standard deviations of the changes of each channel from row to row.
     pub(super) changes: Vec<f64>,
 }
 
@@ -416,7 +415,7 @@ impl Spread {
 /// Mean and variance of the readings, the wrench, and the changes of the readings from row to row,
 /// of every `step`-th run of rows.
 fn sampled_spread(block: &Block, step: usize) -> Vec<RunningVariance> {
-    /// If `step` is more than one.
+    /// Rows of a run, if `step` is more than one.
     const RUN: usize = 32;
     let run = if step > 1 { RUN } else { block.rows.max(1) };
     let mut values = Vec::with_capacity(block.rows / step + run);

@@ -50,9 +50,7 @@ const SHORT: u64 = 4;
 /// Limits for a step of the load and for a jump of the clock.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Steps<const N: usize> {
-    /// Of each column, N and N·m for a wrench.
     load: [f64; N],
-    /// Median between rows.
     interval_s: f64,
 }
 
@@ -121,7 +119,6 @@ pub struct Level<const N: usize> {
     pub rows: u64,
     /// The mean of each column.
     pub mean: [f64; N],
-    /// Squared differences from the mean.
     squares: [f64; N],
     /// Mean position of the rows, sum of their squared distances from it, and sums of products of
     /// these distances with the loads.
@@ -160,7 +157,6 @@ impl<const N: usize> Level<N> {
         self.rows += next.rows;
     }
 
-    /// Of a line through the rows, from the first to the last.
     fn rise(&self, axis: usize) -> f64 {
         match self.place_squares > 0.0 {
             true => (self.products[axis] / self.place_squares * self.rows as f64).abs(),
@@ -178,7 +174,6 @@ pub struct PlateauFinder<const N: usize = 6> {
     levels: Vec<Level<N>>,
     /// Rows that have left the last level and agree so far.
     leaving: Option<Level<N>>,
-    /// First rows after them.
     jumps: Vec<u64>,
 }
 
@@ -297,7 +292,7 @@ impl<const N: usize> PlateauFinder<N> {
         holds
     }
 
-    /// If the recording consists of plateaus.
+    /// Number of rows of each plateau, if the recording consists of plateaus.
     fn plateaus(&self) -> Option<Vec<u64>> {
         let ranges = self.ranges();
         let plateaus = self.merged(&ranges, SAME_LEVEL);
@@ -320,7 +315,7 @@ impl<const N: usize> PlateauFinder<N> {
     }
 }
 
-/// From each of `starts` to the next, and from the last to `end`.
+/// Number of rows from each of `starts` to the next, and from the last to `end`.
 fn lengths(starts: impl Iterator<Item = u64>, end: u64) -> Vec<u64> {
     let starts: Vec<u64> = starts.chain([end]).collect();
     starts.windows(2).map(|pair| pair[1] - pair[0]).collect()
@@ -334,7 +329,6 @@ mod tests {
 
     use super::*;
 
-    /// Uniform number from −1 to 1.
     fn uniform(random: &mut Random) -> f64 {
         2.0 * random.unit() - 1.0
     }

@@ -8,7 +8,6 @@ use super::{
 use trial::{ConditionRow, Per, Quantity, Statistics};
 
 const HEIGHT: f64 = 150.0;
-/// Distance between the tops of two panels, without the labels.
 const PITCH: f64 = 185.0;
 const KEY_PITCH: f64 = 15.0;
 const FILL: Colour = Colour(0xd8e6f0);
@@ -55,7 +54,6 @@ pub fn box_figure(size: Size, title: &str, rows: &[ConditionRow]) -> Figure {
     canvas
 }
 
-/// In one line, or in two if it is too long.
 fn draw_key(canvas: &mut Figure, y: f64, size: Size) {
     let left = LEFT_MARGIN + 8.0;
     canvas.text((left, y), "box: quartiles and median; whiskers: Tukey's, 1.5 IQR;", Style::START);

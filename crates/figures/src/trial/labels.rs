@@ -6,22 +6,17 @@ use super::super::lettering;
 use trial::ConditionRow;
 
 const LINE: f64 = 12.0;
-/// From the upper edge to the baseline of the first line.
 const ONE_LINE: f64 = 16.0;
-/// Most lines of a horizontal name.
 const MOST_LINES: usize = 4;
 /// Greatest length of upright names, some 35 letters: longer ones would dwarf the panels.
 const MOST_ROOM: f64 = 190.0;
 const GAP: f64 = 6.0;
 
-/// Typesetting of a set of names.
 #[derive(Clone, Copy, Debug)]
 struct Names {
     style: Style,
-    /// Most lines, and their greatest length.
     lines: usize,
     room: f64,
-    /// From the upper edge to the end of the longest name.
     height: f64,
 }
 
@@ -151,12 +146,10 @@ impl<'a> BoxLabels<'a> {
         Self { conditions, names, counts: counts(is_counted_once), is_counted_once }
     }
 
-    /// From the edge of a panel to the end of its labels.
     pub(super) fn height(&self) -> f64 {
         self.to_counts() + self.counts.height
     }
 
-    /// Additional height below the last panel.
     pub(super) fn below_last(&self) -> f64 {
         if self.names.are_upright() { self.names.height } else { 0.0 }
     }
@@ -197,7 +190,6 @@ impl<'a> BoxLabels<'a> {
         area.width / self.conditions.len() as f64
     }
 
-    /// Centre of a condition's box.
     pub(super) fn middle(&self, area: Rect, condition: &str) -> f64 {
         let position = self.conditions.iter().position(|other| *other == condition);
         area.left + (position.unwrap_or(0) as f64 + 0.5) * self.box_pitch(area)

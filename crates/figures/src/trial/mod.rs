@@ -33,7 +33,6 @@ type CurvePen = (Colour, Pen);
 
 const SOLID: CurvePen = (palette::series(0), Pen::Round(1.6));
 const DASHED: CurvePen = (palette::series(1), Pen::Dashed(1.6));
-/// Unsmoothed values, in the background.
 const PALE: [CurvePen; 2] =
     [(Colour(0x9cc6e3), Pen::Round(0.8)), (Colour(0xf3c29d), Pen::Round(0.8))];
 
@@ -70,7 +69,6 @@ pub fn stride_s(trace: &Trace) -> Option<f64> {
     upper_median(&mut lengths)
 }
 
-/// The range of all values, including zero.
 fn range_with_zero<'a>(lines: impl IntoIterator<Item = &'a TraceCurve>) -> ValueRange {
     let values = lines.into_iter().flat_map(|line| line.points().map(|(_, value)| value));
     ValueRange::over(values).including(0.0)
@@ -105,7 +103,6 @@ fn legend_rows<'a>(
     rows
 }
 
-/// Top of a panel below a title and a legend.
 fn top_below<'a>(size: Size, keys: impl IntoIterator<Item = &'a LegendKey<'a>>) -> f64 {
     let area = wide_area(size, TOP, 0.0);
     let rows = legend_rows(size, (area.left, area.right()), keys).len();

@@ -125,7 +125,6 @@ impl StackRow {
     }
 }
 
-/// One panel for each force, for the legs and for the power, as far as present.
 fn stack_rows(trace: &Trace, rows: Range<usize>) -> Vec<StackRow> {
     let time_s = &trace.t_s[rows.clone()];
     let part = |column: &'_ Vec<f64>| -> Option<Vec<f64>> {
@@ -174,7 +173,6 @@ fn turns(time_s: &[f64], angle_rad: &[f64]) -> Vec<TraceCurve> {
 const THIN: CurvePen = (Colour(0x6b8fa8), Pen::Round(0.8));
 const MODEL: CurvePen = (Colour(0x000000), Pen::Round(2.0));
 
-/// Draws the drag, N, over time, s, with the proposed window or the reason for its absence.
 pub fn window_figure(
     size: Size,
     title: &str,
@@ -235,7 +233,6 @@ pub struct Passage {
     pub partly_s: Vec<[f64; 2]>,
     /// `None` if the robot's length is unknown, or longer than the channel.
     pub wholly_s: Option<[f64; 2]>,
-    /// Legend of `partly_s`.
     partly_name: &'static str,
 }
 
@@ -267,7 +264,6 @@ impl Passage {
         }
     }
 
-    /// Legend between two times, s.
     pub(super) fn keys(&self, ValueRange { low, high }: ValueRange) -> Vec<LegendKey<'static>> {
         let is_seen = |stretch: &[f64; 2]| stretch[0] < high && stretch[1] > low;
         let partly = LegendKey::Area(self.partly_name, palette::PARTLY_INSIDE);

@@ -82,7 +82,6 @@ fn draw_panel(
     panel.draw_stacked_frame(canvas, false);
 }
 
-/// Ticks at quarters of a turn.
 fn draw_turn(canvas: &mut Figure, panel: &Panel, labelled: bool) {
     let bottom = panel.area.bottom();
     for (quarter, label) in ["0", "π/2", "π", "3π/2", "2π"].into_iter().enumerate() {

@@ -20,10 +20,9 @@ use super::vector::{
 /// Fewest poses for the twelve parameters.
 const LEAST_POSES: usize = 6;
 
-/// Orientation, scale and offsets of an accelerometer at the sensor.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Accelerometer {
-    /// From logged accelerations to gravity in the sensor's frame, m/s².
+    /// The matrix from logged accelerations to gravity in the sensor's frame, m/s².
     pub matrix: Matrix,
     /// Gravity at a reading of zero.
     pub offset_m_s2: Vector,

@@ -15,11 +15,9 @@ const CURED: f64 = 1.0 / 3.0;
 /// Smallest lever arm of the weight from which residual moments matter, m.
 const LEVER_M: f64 = 0.005;
 
-/// RMS residuals of forces or moments, N or N·m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LeftOver {
     pub rms: f64,
-    /// About the mean over the poses.
     pub scatter: f64,
 }
 
@@ -32,7 +30,7 @@ impl LeftOver {
         Self { rms: fit.residual_rms_nm, scatter: scatter(poses, 3) }
     }
 
-    /// True if most of the variation is unexplained.
+    /// Returns true if most of the variation is unexplained.
     pub fn is_doubtful(&self) -> bool {
         self.rms > DOUBTED * self.scatter
     }
@@ -41,7 +39,7 @@ impl LeftOver {
         self.rms > SUSPECTED * self.scatter
     }
 
-    /// True if an interpretation with this residual is the right one.
+    /// Returns true if an interpretation with this residual is the right one.
     pub fn is_cured_by(&self, rms: f64) -> bool {
         rms < CURED * self.rms
     }
@@ -55,12 +53,12 @@ fn scatter(poses: &[PayloadPose], first: usize) -> f64 {
     (squares.map(|off| dot(off, off)).sum::<f64>() / (3 * poses.len()) as f64).sqrt()
 }
 
-/// For each axis the source axis, and true if its sign flips.
+/// A permutation of the moments with signs: for each axis the source axis, and true if its sign
+/// flips.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MomentExchange([(usize, bool); 3]);
 
 impl MomentExchange {
-    /// Exchanges moments.
     fn of(&self, [x, y, z]: Vector) -> Vector {
         self.0.map(|(axis, is_negative)| {
             let value = [x, y, z][axis];
@@ -106,7 +104,6 @@ impl std::fmt::Display for MomentExchange {
     }
 }
 
-/// A reason to doubt the centre of mass of a fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MomentDoubt {
     pub left: LeftOver,

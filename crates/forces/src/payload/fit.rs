@@ -34,13 +34,11 @@ pub enum PayloadError {
          gives {lost}"
     )]
     SameOrientation { spread_deg: f64, lost: &'static str },
-    /// The body falls upwards.
     #[error(
         "the mass is `{mass_kg:.4}` kg, standard error {standard_error_kg:.4}: the forces do not follow \
          gravity"
     )]
     NoMass { mass_kg: f64, standard_error_kg: f64 },
-    /// From 1.
     #[error("pose `{0}` has a value that is not finite")]
     NotFinite(usize),
 }
@@ -60,10 +58,8 @@ impl Hint for PayloadError {
     }
 }
 
-/// A still sensor in one orientation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PayloadPose {
-    /// The measured wrench, N and N·m.
     pub wrench: PerAxis<f64>,
     pub gravity_m_s2: Vector,
 }
@@ -74,7 +70,6 @@ pub struct PayloadFit {
     pub payload: Payload,
     pub standard_errors: Payload,
     pub residual_rms_n: f64,
-    /// Of the moments.
     pub residual_rms_nm: f64,
     pub poses: usize,
     /// Mean over the poses; the mass is a force divided by this.
@@ -85,7 +80,7 @@ pub struct PayloadFit {
     pub spread_rad: [f64; 2],
 }
 
-/// For earlier documents, which do not state it.
+/// Gravity in earlier documents, which do not state it.
 fn standard_gravity() -> f64 {
     STANDARD_GRAVITY_M_S2
 }
@@ -202,7 +197,6 @@ pub(super) fn spread(
     [share(along), share(total - along)]
 }
 
-/// Checks that gravity turns about two axes or more.
 pub(super) fn check_spread([along, beside]: [f64; 2]) -> Result<(), PayloadError> {
     let spread_deg = beside.to_degrees();
     let lost = if along.is_nan() || along < LEAST_SPREAD {

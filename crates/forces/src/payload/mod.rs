@@ -38,11 +38,9 @@ use vector::cross;
 /// The standard value of the third CGPM, 1901.
 pub const STANDARD_GRAVITY_M_S2: f64 = 9.806_65;
 
-/// A rigid body on a sensor, and the sensor's zero.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Payload {
     pub mass_kg: f64,
-    /// In the sensor's frame.
     pub centre_m: Vector,
     pub force_bias_n: Vector,
     /// T₀.
@@ -75,11 +73,9 @@ pub enum Inertia {
     Nothing,
     /// Acceleration of the sensor, without the turning of the body's centre about it.
     WithoutTurning,
-    /// Both.
     Whole,
 }
 
-/// The payload of a sensor in a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CarriedLoad {
     pub payload: Payload,
@@ -93,7 +89,7 @@ pub struct CarriedLoad {
 }
 
 impl CarriedLoad {
-    /// Without the sensor's zero; `None` without times.
+    /// The mean load over some times, without the sensor's zero; `None` without times.
     pub fn mean(&self, times_s: &[f64]) -> Option<PerAxis<f64>> {
         let mut sum = PerAxis::<f64>::default();
         for &time in times_s {

@@ -11,7 +11,6 @@ const FAR: f64 = 10.0;
 pub struct Motion {
     times_s: Vec<f64>,
     gravity_m_s2: Vec<Vector>,
-    /// The usual interval, s.
     period_s: f64,
 }
 
@@ -25,7 +24,7 @@ pub enum MotionError {
 }
 
 impl Motion {
-    /// From samples in order; the first of several samples at one time is used.
+    /// Creates a motion from samples in order. The first of several samples at one time is used.
     ///
     /// # Errors
     /// [`MotionError`].
@@ -72,7 +71,7 @@ impl Motion {
         add(first, scaled(subtract(next, first), share))
     }
 
-    /// True if a time is so far from any sample that the motion is unknown.
+    /// Returns true if a time is so far from any sample that the motion is unknown.
     pub fn is_far(&self, time_s: f64) -> bool {
         let after = self.times_s.partition_point(|&time| time <= time_s);
         let neighbours = &self.times_s[after.saturating_sub(1)..self.times_s.len().min(after + 1)];
@@ -84,7 +83,6 @@ impl Motion {
 /// Integral of a motion, which gives means over any block of time.
 pub(super) struct Integral<'a> {
     motion: &'a Motion,
-    /// From the first sample to each.
     sums: Vec<Vector>,
 }
 

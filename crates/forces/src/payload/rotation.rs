@@ -2,7 +2,7 @@
 
 use super::vector::{Matrix, Vector, add, cross, dot, inverse, norm, product, scaled, subtract};
 
-/// From x y z w of any length.
+/// The matrix of a quaternion x y z w of any length.
 pub fn from_quaternion([x, y, z, w]: [f64; 4]) -> Matrix {
     let two = 2.0 / (x * x + y * y + z * z + w * w);
     [
@@ -12,14 +12,14 @@ pub fn from_quaternion([x, y, z, w]: [f64; 4]) -> Matrix {
     ]
 }
 
-/// From a vector along the axis, with the angle, rad, as its length.
+/// The matrix of a rotation vector, rad: along the axis, with the angle as its length.
 pub fn from_rotation_vector(vector: Vector) -> Matrix {
     let (angle, half) = (norm(vector), 0.5 * norm(vector));
     let axis = if angle > 0.0 { scaled(vector, half.sin() / angle) } else { [0.0; 3] };
     from_quaternion([axis[0], axis[1], axis[2], half.cos()])
 }
 
-/// In rad: `Rz(yaw)·Ry(pitch)·Rx(roll)`.
+/// The matrix of roll, pitch and yaw, rad: `Rz(yaw)·Ry(pitch)·Rx(roll)`.
 pub fn from_roll_pitch_yaw([roll, pitch, yaw]: Vector) -> Matrix {
     let about = |axis: usize, angle: f64| {
         let mut vector = [0.0; 3];
@@ -54,7 +54,7 @@ pub fn nearest_rotation(matrix: &Matrix) -> Matrix {
     near
 }
 
-/// In the sensor's frame, rad/s, from rotations at ascending times, s.
+/// The angular velocity in the sensor's frame, rad/s, from rotations at ascending times, s.
 pub fn angular_velocity(times_s: &[f64], rotations: &[Matrix]) -> Vec<Vector> {
     let pairs = rotations.windows(2).zip(times_s.windows(2));
     let rate = |(turn, times): (&[Matrix], &[f64])| {
@@ -81,7 +81,7 @@ pub(super) fn slope(times_s: &[f64], vectors: &[Vector]) -> Vec<Vector> {
     at_samples(times_s, &between)
 }
 
-/// From values in the middle between neighbouring samples.
+/// Values at the samples from values in the middle between neighbouring samples.
 fn at_samples(times_s: &[f64], between: &[Vector]) -> Vec<Vector> {
     let last = times_s.len().saturating_sub(1);
     let at = |row: usize| match row {

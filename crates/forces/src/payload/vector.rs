@@ -45,7 +45,7 @@ pub(super) fn sum_of_products(pairs: impl Iterator<Item = (Vector, Vector)>) -> 
     sum
 }
 
-/// By cofactors; not finite for a singular matrix.
+/// The inverse by cofactors; not finite for a singular matrix.
 pub(super) fn inverse(m: &Matrix) -> Matrix {
     let columns = [cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])];
     let determinant = dot(m[0], columns[0]);

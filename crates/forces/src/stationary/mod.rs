@@ -26,7 +26,7 @@ use super::options::DEFAULT_TARE_FRAMES;
 
 pub use watch::{FALSE_ALARMS, QuietLevel, ZeroChange, ZeroMove, ZeroWatch, largest_change};
 
-/// As in the usual tare.
+/// The minimum number of frames of a stationary interval, as in the usual tare.
 pub(crate) const STATIONARY_FRAMES: usize = DEFAULT_TARE_FRAMES;
 
 /// Parts of a stationary interval. Their scatter gives the standard error of its mean even if the
@@ -48,11 +48,9 @@ const LEAST_NOISE: f64 = 2.5e-4;
 /// uneven clock.
 const PART_S: f64 = 0.085;
 
-/// A block of time in which the sensor is still and unloaded.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct StationaryInterval {
     pub times_s: Vec<f64>,
-    /// Readings, counts, one column per channel.
     pub readings: Vec<Vec<f64>>,
     /// Frames in each of its [`PARTS`].
     pub parts: Vec<usize>,
@@ -82,7 +80,6 @@ struct StationaryPart {
 struct KnownZero {
     /// Standard deviation when still.
     noise: f64,
-    /// In the last stationary interval.
     zero: f64,
     /// Extremes of the means of parts.
     low: f64,
@@ -91,13 +88,12 @@ struct KnownZero {
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct StationaryFinder {
-    /// Of each channel, once a stationary interval was found.
+    /// The zero of each channel, once a stationary interval was found.
     known: Vec<KnownZero>,
     /// Newest complete parts, at most [`PARTS`].
     parts: VecDeque<StationaryPart>,
-    /// Frames in these parts.
     ended: usize,
-    /// Of these frames and later ones.
+    /// Times and readings of these frames and later ones, one column per channel.
     times_s: Vec<f64>,
     readings: Vec<Vec<f64>>,
     last_s: Option<f64>,
@@ -217,7 +213,6 @@ impl StationaryFinder {
 mod tests {
     use super::*;
 
-    /// Noise without a pattern, of standard deviation 1.
     fn noise(i: usize) -> f64 {
         let hash = (i as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
         let hash = (hash ^ (hash >> 29)).wrapping_mul(0xBF58_476D_1CE4_E5B9);

@@ -18,19 +18,17 @@ use super::{PARTS, StationaryFinder, StationaryInterval};
 /// Largest share of logs with a constant zero for which a change is reported.
 pub const FALSE_ALARMS: f64 = 0.01;
 
-/// Level of a quantity over a stationary interval, in its unit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct QuietLevel {
     pub mean: f64,
     /// RMS distance of a frame from the mean.
     pub noise: f64,
-    /// Of the mean, from the means of the parts.
+    /// Standard error of the mean, from the means of the parts.
     pub standard_error: f64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct ZeroChange {
-    /// From the first stationary interval to the last.
     pub change: f64,
     /// A larger change is significant.
     pub limit: f64,
@@ -48,7 +46,7 @@ pub struct ZeroMove {
 }
 
 impl QuietLevel {
-    /// Values at the frames of a stationary interval.
+    /// The level of the values at the frames of a stationary interval.
     pub fn new(values: &[f64], parts: &[usize]) -> Self {
         let whole = RunningVariance::new(values);
         let mut means = Vec::with_capacity(parts.len());
@@ -75,7 +73,6 @@ impl QuietLevel {
 }
 
 impl ZeroChange {
-    /// From the first interval to the last, where one of `quantities` is tested.
     pub fn new(first: &QuietLevel, last: &QuietLevel, quantities: usize) -> Self {
         let level = 1.0 - FALSE_ALARMS / quantities.max(1) as f64;
         let t = student_quantile(level, 2.0 * (PARTS - 1) as f64);
@@ -84,7 +81,6 @@ impl ZeroChange {
         Self { change, limit: by_chance.max(noise), noise }
     }
 
-    /// True if the change exceeds its limit.
     pub(crate) fn has_moved(&self) -> bool {
         self.change.abs() > self.limit
     }
@@ -118,7 +114,6 @@ impl ZeroMove {
     }
 }
 
-/// Tracks the stationary intervals of a log as it is read.
 #[derive(Clone, Debug, Default)]
 pub struct ZeroWatch {
     finder: StationaryFinder,

@@ -25,9 +25,8 @@ use shell_data::wrench::Axis;
 pub struct Accumulator {
     basis: Basis,
     layout: Arc<SumLayout>,
-    /// Sums of earlier plans, in their final form.
     closed: Option<ExactSums>,
-    /// Over all rows, including staged rows.
+    /// Units and ranges of the channels over all rows, including staged rows.
     channels: Vec<ChannelRange>,
     pub(super) expected: ExpectedRows,
     open: Option<OpenSums>,
@@ -267,7 +266,6 @@ impl Accumulator {
     }
 }
 
-/// The largest distance between a reading and its centre.
 fn distance(channels: &[ChannelRange], centre: &[i64]) -> u32 {
     let of = |(channel, &centre): (&ChannelRange, &i64)| {
         (channel.highest.saturating_sub(centre)).max(centre.saturating_sub(channel.lowest))

@@ -125,7 +125,6 @@ vectorised! {
 /// Number of right-hand sides solved at once: six axes and two unused ones, to fill a vector.
 pub(crate) const LANES: usize = 8;
 
-/// One row of right-hand sides or solutions.
 pub(crate) type AxisRow = [DoubleDouble; LANES];
 
 pub(crate) fn axis_row(of: impl Fn(usize) -> DoubleDouble) -> AxisRow {
@@ -170,7 +169,6 @@ impl ElementLanes {
 /// [`factor`] replaces it with the Cholesky factor `R`, `A = RᵀR`, bordered by `R⁻ᵀB`.
 #[derive(Clone, Debug)]
 pub(crate) struct Bordered {
-    /// Order of the matrix.
     pub(crate) size: usize,
     width: usize,
     head: Vec<f64>,
@@ -195,7 +193,6 @@ impl Bordered {
         (self.head[at], self.tail[at]) = (value.to_f64(), value.tail());
     }
 
-    /// The right-hand sides of a row, one per axis.
     pub(crate) fn border(&self, row: usize) -> AxisRow {
         axis_row(|axis| self.get(row, self.size + axis))
     }

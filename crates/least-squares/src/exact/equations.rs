@@ -116,7 +116,7 @@ impl ExactSums {
 /// thousand times smaller than others.
 const REFINE_ABOVE: f64 = 1e5;
 
-/// Relative size of a correction that does not change the coefficients rounded to `f64`.
+/// The relative size of a correction that does not change the coefficients rounded to `f64`.
 const DONE: f64 = 1.0 / (1u64 << 60) as f64;
 
 pub(crate) struct IntegerEquations<'a> {

@@ -100,7 +100,6 @@ pub(super) fn penalty_of(square: DoubleDouble, ridge: f64) -> DoubleDouble {
 }
 
 vectorised! {
-    /// Computes the sums of errors and of squared errors, scaled.
     fn error_sums(
         columns: &[i32],
         part: &PartSums,
@@ -140,7 +139,6 @@ pub struct PartSums {
     pub(crate) gram: Vec<i128>,
     pub(crate) features: Vec<i128>,
     pub(crate) right: Vec<AxisRow>,
-    /// Sums of the wrench and of its squares.
     pub(crate) wrench: AxisRow,
     pub(crate) squares: AxisRow,
 }
@@ -239,7 +237,6 @@ impl EquationScales {
         gram.solve(&right)
     }
 
-    /// The errors on a part of a fit with these scaled coefficients.
     pub(super) fn errors(
         &self,
         part: &PartSums,

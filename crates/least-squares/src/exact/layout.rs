@@ -22,10 +22,9 @@ use super::integers::{DigitPlanes, digit_planes};
 use crate::features::{Recipe, recipe};
 use crate::model::{Basis, Model, Term};
 
-/// Of a product of two features.
+/// The largest degree of a product of two features.
 const MAX_DEGREE: usize = 6;
 
-/// A product of up to six readings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct Monomial {
     /// Channels in ascending order, counted from 1, padded in front with zeros for the empty factor.
@@ -60,7 +59,6 @@ impl Monomial {
     }
 }
 
-/// One dense block of products of features.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ProductGroup {
     pub(crate) left: Vec<usize>,
@@ -80,7 +78,7 @@ pub(crate) struct ShiftStep {
 /// left by left.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct SumLayout {
-    /// Without the constant, in the order of the model.
+    /// The features without the constant, in the order of the model.
     pub(crate) features: Vec<Term>,
     /// Computes each feature from earlier ones.
     pub(crate) recipe: Vec<Recipe>,

@@ -96,7 +96,6 @@ impl FeatureLimbs {
 
     /// Cost of a row in products: of features and wrench, and the cutting of the wrench.
     fn cost(&self, layout: &SumLayout, wrench: &[BinaryPlaces]) -> usize {
-        /// Of one limb, in products.
         const CUT: usize = 5;
         let count = |cut: &Cut, f: usize| cut.counts[layout.features[f].factors().len()];
         let products = layout.groups.iter().map(|group| {
@@ -131,7 +130,6 @@ fn bits_of(value: u64) -> u32 {
     value.next_power_of_two().ilog2()
 }
 
-/// Binary places that a set of numbers occupies.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct BinaryPlaces {
     /// All numbers are multiples of `2^low`.
@@ -141,10 +139,8 @@ pub(crate) struct BinaryPlaces {
 }
 
 impl BinaryPlaces {
-    /// No places: all numbers are zero.
     pub(crate) const NONE: Self = Self { low: i32::MAX, high: i32::MIN };
 
-    /// Of the finite numbers among `values`.
     pub(crate) fn new(values: &[f64]) -> Self {
         let mut places = Self::NONE;
         for &value in values.iter().filter(|&&v| v != 0.0 && v.is_finite()) {
@@ -156,7 +152,6 @@ impl BinaryPlaces {
         places
     }
 
-    /// The places of both sets.
     pub(crate) fn and(self, other: Self) -> Self {
         Self { low: self.low.min(other.low), high: self.high.max(other.high) }
     }

@@ -37,7 +37,7 @@ pub(crate) struct SummationPlan {
 /// shifts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct LimbColumn {
-    /// In the layout of the sums.
+    /// The position in the layout of the sums: 0 for ones, then the features.
     pub(crate) position: usize,
     pub(crate) shift: u32,
 }
@@ -135,7 +135,6 @@ pub(crate) struct OpenSums {
     /// Multiples of 2²⁶: the groups; wrench limbs and ones with ones and features; wrench limbs
     /// with each other.
     pub(crate) high: Vec<f64>,
-    /// The remainder of each sum.
     pub(crate) low: Vec<f64>,
 }
 
@@ -145,7 +144,6 @@ impl OpenSums {
         Self { plan, rows: 0, blocks: 0, high: vec![0.0; sums], low: vec![0.0; sums] }
     }
 
-    /// Converts to sums relative to the origin of the readings.
     pub(crate) fn moments(&self, layout: &Arc<SumLayout>, basis: Basis) -> ExactSums {
         let mut moments = ExactSums::with_layout(basis, layout.clone());
         moments.rows = self.rows;

@@ -109,7 +109,7 @@ fn negative(a: u64) -> u64 {
     if a == 0 { 0 } else { PRIME - a }
 }
 
-/// By Fermat's little theorem: `a^(p − 2)`.
+/// The inverse by Fermat's little theorem: `a^(p − 2)`.
 fn inverse(a: u64) -> u64 {
     let (mut power, mut result, mut exponent) = (a, 1, PRIME - 2);
     while exponent > 0 {

@@ -43,7 +43,6 @@ impl ReadingUnit {
         self.twos <= Self::FINEST.twos && self.fives <= Self::FINEST.fives
     }
 
-    /// To the nearest integer number of units.
     #[inline(always)]
     pub(crate) fn count(self, reading: f64) -> f64 {
         (reading * f64::from(self.per_count())).round()

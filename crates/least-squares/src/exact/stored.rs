@@ -61,7 +61,7 @@ fn pairs(axes: Axes) -> Vec<usize> {
     axes.iter().flat_map(of).collect()
 }
 
-/// For the axes of the [document](by_axis) only.
+/// Converts the sums of the axes of the [document](by_axis) only.
 impl From<ExactSums> for StoredSums {
     fn from(moments: ExactSums) -> Self {
         let axes = by_axis::axes();
@@ -83,7 +83,7 @@ impl From<ExactSums> for StoredSums {
     }
 }
 
-/// For the axes of the [document](by_axis); the sums of other axes are zero.
+/// Reads the sums of the axes of the [document](by_axis); the sums of other axes are zero.
 impl TryFrom<StoredSums> for ExactSums {
     type Error = String;
 

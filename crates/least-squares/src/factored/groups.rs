@@ -44,7 +44,6 @@ pub struct GroupFactors {
 struct Group {
     label: String,
     rows: FactoredRows,
-    /// Rows not yet factored.
     waiting: Block,
 }
 

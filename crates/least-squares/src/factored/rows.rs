@@ -89,7 +89,7 @@ impl FactoredRows {
         self.ranges.merge(&later.ranges);
     }
 
-    /// Relative to the centre of the first part; `None` without parts.
+    /// Merges all parts, relative to the centre of the first; `None` without parts.
     pub(crate) fn merged<'a>(parts: impl IntoIterator<Item = &'a Self>) -> Option<Self> {
         let mut parts = parts.into_iter();
         let mut all = parts.next()?.clone();
@@ -155,7 +155,6 @@ impl FactoredRows {
         Some(self.errors_of((&change * &solution.coefficients).as_ref()))
     }
 
-    /// For coefficients of the features of these rows.
     pub(super) fn errors_of(&self, coefficients: MatRef<'_, f64>) -> PerAxis<HeldOutErrors> {
         let products = self.r_factor.residual_products(coefficients);
         let sums = self.r_factor.sums_of_residuals(coefficients, self.features.len() - 1);

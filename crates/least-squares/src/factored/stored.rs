@@ -11,14 +11,12 @@ use crate::reading_ranges::{ReadingRange, ReadingRanges};
 use crate::scaling::{Scaling, is_power_of_two};
 use crate::symmetric::triangular_columns;
 
-/// [`FactoredRows`] in file form.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct StoredRows {
     basis: Basis,
     rows: u64,
     scaling: Scaling,
     channels: Vec<ReadingRange>,
-    /// Upper triangular.
     columns: Vec<Vec<f64>>,
 }
 

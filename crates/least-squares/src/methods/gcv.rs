@@ -17,7 +17,6 @@ use faer::Mat;
 
 use crate::r_factor::{LeastSquaresError, RFactor, Ridge};
 
-/// Of the first search.
 const PER_DECADE: usize = 8;
 /// Exponents of the range of λ, relative to the largest squared singular value.
 const RANGE: (f64, f64) = (-20.0, 4.0);
@@ -88,7 +87,7 @@ fn criterion(
     Ok((largest, at))
 }
 
-/// To a thousandth of the distance of `low` and `high`.
+/// Minimises `f` between `low` and `high`, to a thousandth of their distance.
 fn golden_section(mut low: f64, mut high: f64, f: impl Fn(f64) -> f64) -> f64 {
     let ratio = (5_f64.sqrt() - 1.0) / 2.0;
     for _ in 0..16 {

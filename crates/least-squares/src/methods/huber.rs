@@ -24,9 +24,9 @@ use crate::r_factor::{LeastSquares, LeastSquaresError, RFactor, Ridge};
 use crate::vectors::{add_multiple, dot};
 use std::ops::Range;
 
-/// In multiples of σ.
+/// The clipping threshold, in multiples of σ.
 const CLIP: f64 = 1.345;
-/// Of the standard normal distribution.
+/// The third quartile of the standard normal distribution.
 const QUARTILE: f64 = 0.674_489_750_196_081_7;
 /// Most passes over many rows. With few rows, single rows can determine their own residuals and
 /// steps are short, so more passes of the same total cost are allowed.
@@ -43,11 +43,11 @@ const FREE_PASSES: usize = 20;
 const SHORTER: f64 = 0.7;
 const SHORTEST: f64 = 0.02;
 const LONGER: f64 = 1.1;
-/// Up to this many rows, all sizes of residuals are kept for the median; with more, only those
-/// within the relative distance [`NEAR`] of the last median.
+/// The largest number of rows for which all sizes of residuals are kept for the median. With more
+/// rows, only sizes within the relative distance [`NEAR`] of the last median are kept.
 const ALL_KEPT: u64 = 10_000;
 const NEAR: f64 = 0.01;
-/// Of sums over rows, relative to their terms.
+/// Rounding error of sums over rows, relative to their terms.
 const ROUNDING: f64 = 64.0 * f64::EPSILON;
 /// Smallest σ, as a share of the RMS: if most rows are fitted without error, the others must keep
 /// some weight.
@@ -62,26 +62,23 @@ pub(crate) fn clip_of_sizes(sizes: &mut [f64]) -> f64 {
     CLIP * mean_of_ranks(sizes, [(count - 1) / 2, count / 2]) / QUARTILE
 }
 
-/// At two ranks, equal or consecutive.
+/// The mean of the sizes at two ranks, which are equal or consecutive.
 fn mean_of_ranks(sizes: &mut [f64], [lower, upper]: [usize; 2]) -> f64 {
     let (below, &mut middle, _) = sizes.select_nth_unstable_by(upper, f64::total_cmp);
     let other = if lower == upper { middle } else { below.iter().copied().fold(0.0, f64::max) };
     0.5 * (middle + other)
 }
 
-/// Thresholds for one pass.
 struct Clipping {
     shape: Shape,
     coefficients: Mat<f64>,
     /// σ·k of each column of `Y`.
     clip: Vec<f64>,
-    /// Of the sizes of residuals.
     unit: Vec<f64>,
     /// Range in which all sizes are kept, in those units.
     near: Vec<Range<f64>>,
 }
 
-/// Sums over clipped residuals.
 #[derive(Clone)]
 struct Clipped<'a> {
     by: &'a Clipping,
@@ -173,7 +170,6 @@ impl Reduction for Clipped<'_> {
     }
 }
 
-/// Solves by least squares and modified residuals.
 pub(super) fn solve<R: RowSource>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares, R::Error> {
     let shape = rows.shape();
     let Shape { features: p, outputs: q } = shape;

@@ -116,7 +116,7 @@ impl SolverKind {
     }
 }
 
-/// In the order of [`SolverKind`].
+/// The names and descriptions of the solvers, in the order of [`SolverKind`].
 const NAMES: [(&str, &str); 10] = [
     ("exact", "Exact sums of integer readings; QR, corrected by residuals, of others"),
     ("tsqr", "Householder QR over row blocks"),

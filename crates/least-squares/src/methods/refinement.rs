@@ -22,16 +22,16 @@ const MOST_CORRECTIONS: usize = 12;
 struct Gradient<'a> {
     shape: Shape,
     coefficients: &'a WideMatrix,
-    /// Of each column of `[X | Y − X·C]` with the residuals, which are its last columns.
+    /// Products of each column of `[X | Y − X·C]` with the residuals, which are its last columns.
     sums: Vec<LaneSums>,
 }
 
 impl Reduction for Gradient<'_> {
     const WIDE: bool = true;
 
-    /// As many as fit in a core's L2 cache, because each column is used twice.
+    /// The number of rows that fit in a core's L2 cache, because each column is used twice.
     fn chunk_rows(columns: usize) -> usize {
-        /// Of heads and tails.
+        /// Size of heads and tails, in bytes.
         const BYTES: usize = 1 << 19;
         (BYTES / (16 * columns.max(1))).next_multiple_of(LANES)
     }

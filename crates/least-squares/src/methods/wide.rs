@@ -17,7 +17,6 @@ use crate::r_factor::{LeastSquares, LeastSquaresError, Ridge};
 pub(super) struct WideGram {
     shape: Shape,
     rows: u64,
-    /// Chunks and merges so far.
     additions: u64,
     products: Vec<DoubleDouble>,
 }
@@ -54,8 +53,9 @@ impl WideGram {
         self.products[j * (j + 1) / 2 + i]
     }
 
-    /// Relative error of an element, with columns scaled to norm one: Dot2 within a chunk (n²·2⁻¹⁰⁶
-    /// for n terms to a lane), and sums over chunks and in the Cholesky factorisation.
+    /// The relative error of an element, with columns scaled to norm one: Dot2 within a chunk
+    /// (n²·2⁻¹⁰⁶ for n terms to a lane), and sums of double-doubles over chunks and in the Cholesky
+    /// factorisation.
     fn rounding(&self) -> f64 {
         let chunk_rows = RowChunk::rows_in_cache(self.shape.columns()) as u64;
         let terms = chunk_rows.min(self.rows).div_ceil(LANES as u64) as f64 + 1.0;
@@ -190,7 +190,6 @@ impl WideRFactor {
         }
     }
 
-    /// Solves for the coefficients.
     pub(super) fn solve(&self, ridge: Ridge) -> Result<LeastSquares, LeastSquaresError> {
         let Shape { features: p, outputs: q } = self.shape;
         ridge.check(self.rows, p, is_finite(&self.r))?;

@@ -26,7 +26,7 @@ impl RFactor {
         (r, Mat::from_fn(rows.len(), q, |i, j| self.r[(rows[i], p + j)]))
     }
 
-    /// From the same rows of `X·T`, with `T` = `change`.
+    /// The R factor of the same rows of `X·T`, with `T` = `change`, p × any number of columns.
     pub(crate) fn in_terms_of(&self, change: MatRef<'_, f64>) -> Self {
         let (p, order) = (self.features, self.r.nrows());
         let mut x = Mat::zeros(order, change.ncols());
@@ -126,7 +126,7 @@ impl RFactor {
         rest.transpose() * rest
     }
 
-    /// With the rows of a ridge.
+    /// `R` and `Z` after adding the rows of a ridge.
     pub(crate) fn damped_parts(&self, ridge: Ridge) -> (Mat<f64>, Mat<f64>) {
         let (p, q) = (self.features, self.r.nrows() - self.features);
         let (_, norms) = equilibrated(self.r());
@@ -135,7 +135,7 @@ impl RFactor {
         (part(0, p), part(p, q))
     }
 
-    /// With the rows `√λ·D` of the ridge.
+    /// The R factor after adding the rows `√λ·D` of the ridge.
     fn damped(&self, norms: &[f64], ridge: Ridge) -> Mat<f64> {
         let mut damped = self.clone();
         if ridge.lambda > 0.0 {
@@ -161,7 +161,8 @@ pub(crate) fn rank_deficient(r: MatRef<'_, f64>, rank: usize) -> LeastSquaresErr
     LeastSquaresError::RankDeficient { rank, columns, null_space, r_factor }
 }
 
-/// Also returns the divisors. Columns of zeros stay unchanged.
+/// Scales the columns of a matrix to norm one. Returns the divisors too. Columns of zeros stay
+/// unchanged.
 pub(crate) fn equilibrated(matrix: MatRef<'_, f64>) -> (Mat<f64>, Vec<f64>) {
     let unit = |norm: f64| if norm > 0.0 { norm } else { 1.0 };
     let norms: Vec<f64> = matrix.col_iter().map(|column| unit(column.norm_l2())).collect();
@@ -170,10 +171,10 @@ pub(crate) fn equilibrated(matrix: MatRef<'_, f64>) -> (Mat<f64>, Vec<f64>) {
 
 const MOST_VECTORS: usize = 100;
 
-/// Between convergence checks.
+/// Number of vectors between convergence checks.
 const VECTORS_AT_ONCE: usize = 4;
 
-/// Relative increase of an eigenvalue from one check to the next at convergence.
+/// The convergence threshold: the relative increase of an eigenvalue from one check to the next.
 const SETTLED: f64 = 1e-13;
 
 /// So few columns make all singular values fast.
@@ -228,7 +229,7 @@ fn by_recursion(r: &Mat<f64>) -> Option<[f64; 2]> {
     Some([smallest.sqrt(), largest.sqrt()])
 }
 
-/// Of a positive definite matrix; `apply` replaces `x` with `A·x`.
+/// The largest eigenvalue of a positive definite matrix. `apply` replaces `x` with `A·x`.
 fn largest_eigenvalue(size: usize, apply: impl Fn(&mut [f64])) -> Option<f64> {
     // Fractional parts of multiples of the golden ratio: a direction unrelated to any feature.
     let mut next: Vec<f64> =

@@ -14,7 +14,7 @@ use crate::vectors::{add_multiple, dot};
 /// Each reflector passes over the block, which should fit in the L1 cache.
 const BLOCK_BYTES: usize = 1 << 15;
 
-/// With many columns, each panel passes over it once.
+/// Bytes in a row block with many columns. Each panel passes over it once.
 const LARGE_BLOCK_BYTES: usize = 1 << 20;
 
 /// Columns whose reflectors are applied together.
@@ -62,14 +62,12 @@ struct Workspace {
     rows: usize,
     /// Column-major.
     block: Vec<f64>,
-    /// `T` of a panel, [`PANEL`] × [`PANEL`].
     compact: Mat<f64>,
-    /// Of later columns, 2·[`PANEL`] × order.
     update: Mat<f64>,
 }
 
 impl RFactor {
-    /// As many as fit in the cache.
+    /// Number of rows in a block that fits in the cache.
     pub(crate) fn block_rows(&self) -> usize {
         let order = self.r.ncols();
         let rows_of = |bytes| bytes / (8 * order.max(1));
@@ -106,7 +104,7 @@ impl RFactor {
         }
     }
 
-    /// For at most as many rows as columns.
+    /// The R factor of matrices that have at most as many rows as columns.
     pub(crate) fn from_rows(x: &Mat<f64>, y: &Mat<f64>) -> Self {
         let mut r_factor = Self::new(x.ncols(), y.ncols());
         let height = x.nrows();
@@ -115,7 +113,7 @@ impl RFactor {
         r_factor
     }
 
-    /// With columns of `height` rows below it; see [`RFactor::factor_below`].
+    /// Factors the R factor with columns of `height` rows below it; see [`RFactor::factor_below`].
     fn add_columns<'a>(
         &mut self,
         height: usize,

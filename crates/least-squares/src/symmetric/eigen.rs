@@ -6,7 +6,7 @@
 use super::{SymmetricMatrix, add_multiple, product};
 use shell_data::vectorised;
 
-/// For one eigenvalue; usually two.
+/// Maximum number of steps for one eigenvalue; usually two.
 const MOST_STEPS: usize = 60;
 
 /// The decomposition `A = Z·diag(values)·Zᵀ`.
@@ -59,7 +59,6 @@ impl Eigen {
 }
 
 vectorised! {
-    /// The diagonal, the subdiagonal, and the reflections that produce them.
     fn tridiagonal(a: &mut SymmetricMatrix) -> (Vec<f64>, Vec<f64>, Vec<Reflection>) {
         let size = a.size;
         let mut rest = a.upper.as_mut_slice();

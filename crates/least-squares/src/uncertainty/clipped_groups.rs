@@ -48,7 +48,6 @@ impl Covariance {
     }
 }
 
-/// Relative to a common centre.
 fn factored(block: &Block, solution: &Solution) -> Result<FactoredGroups, FitError> {
     let scaling = Scaling::from_sample(&block.readings, true);
     let mut groups = GroupFactors::new(solution.model, scaling);
@@ -56,7 +55,7 @@ fn factored(block: &Block, solution: &Solution) -> Result<FactoredGroups, FitErr
     groups.finish()
 }
 
-/// Has pseudo-responses in place of the wrench.
+/// The rows with pseudo-responses in place of the wrench.
 fn clipped(block: &Block, solution: &Solution) -> Result<Block, FitError> {
     ReadingRanges::from_block(block, solution.model.columns())?;
     let mut predicted: PerAxis<Vec<f64>> = PerAxis::default();

@@ -161,7 +161,7 @@ fn groups_needed(level: f64) -> usize {
     (level / (1.0 - level) - 1e-9).ceil() as usize
 }
 
-/// For which there are enough groups.
+/// The [`LEVELS`] for which there are enough groups.
 fn levels_known(groups: usize) -> Vec<f64> {
     LEVELS.into_iter().filter(|&level| groups_needed(level) <= groups).collect()
 }

@@ -19,7 +19,6 @@ use super::group_intervals::TooFewGroups;
 use crate::magnitudes::Magnitudes;
 use shell_data::wrench::PerAxis;
 
-/// Of the stored shape.
 const LEVELS: [f64; 12] = [0.1, 0.25, 0.5, 0.683, 0.8, 0.9, 0.95, 0.975, 0.99, 0.995, 0.998, 0.999];
 
 /// The highest level of an interval; higher levels would depend on a handful of rows.

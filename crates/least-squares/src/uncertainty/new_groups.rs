@@ -102,7 +102,6 @@ mod tests {
     use shell_data::block::Block;
     use system_tests::random::Random;
 
-    /// Uniform numbers from −1 to 1.
     fn noise(i: usize) -> f64 {
         2.0 * Random(i as u64).unit() - 1.0
     }
@@ -136,7 +135,8 @@ mod tests {
         sums.finish([worker]).unwrap()
     }
 
-    /// Of a row plus the contribution of the coefficients.
+    /// The variances of predictions: the variance of a row plus the contribution of the
+    /// coefficients.
     fn variances(
         polynomial: &Polynomial,
         covariance: &Covariance,

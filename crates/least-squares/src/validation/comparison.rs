@@ -64,7 +64,8 @@ impl FoldMean {
     }
 }
 
-/// For a log ratio of errors: how much smaller or larger the first is, %.
+/// Formats a log ratio of errors: the percentage by which the error of the first model is smaller
+/// or larger.
 impl fmt::Display for FoldMean {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let ratio = libm::exp(self.value);
@@ -98,16 +99,13 @@ impl Comparison {
     }
 }
 
-/// The axes with varying loads.
 pub(super) fn varying(variances: &PerAxis<f64>) -> Vec<usize> {
     (0..6).filter(|&axis| variances[axis] > 0.0).collect()
 }
 
-/// Relative to the standard deviation of the loads.
+/// The errors of a model on folds, relative to the standard deviation of the loads.
 pub(super) struct RelativeErrors {
-    /// Rows and root mean square errors.
     folds: Vec<(u64, PerAxis<f64>)>,
-    /// Over the folds.
     means: PerAxis<f64>,
 }
 

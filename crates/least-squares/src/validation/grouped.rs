@@ -30,7 +30,6 @@ use shell_data::dataset::LabelRuns;
 #[derive(Debug)]
 pub struct GroupSums {
     empty: GroupWorker,
-    /// In the order of their first rows.
     labels: Vec<Arc<str>>,
     /// Every group, and those folds that have been handed over.
     sums: BTreeMap<SummedRows, Option<ExactSums>>,
@@ -176,7 +175,7 @@ impl SumsByGroup {
         PartitionedSums::new(self.all_of_several()?, model)
     }
 
-    /// Over the rows of all groups; an error with fewer than two.
+    /// The sums over the rows of all groups; an error with fewer than two groups.
     pub(crate) fn all_of_several(&self) -> Result<&ExactSums, FitError> {
         let found = self.groups.len();
         self.total().filter(|_| found > 1).ok_or(FitError::TooFewGroups { found })
@@ -197,7 +196,6 @@ impl SumsByGroup {
     }
 }
 
-/// Sums of all `parts`.
 fn total<'a>(
     parts: impl IntoIterator<Item = &'a ExactSums>,
 ) -> Result<Option<ExactSums>, ExactError> {
@@ -231,7 +229,7 @@ pub struct GroupWorker {
     random: RandomSplit,
     adder: Adder,
     sums: BTreeMap<SummedRows, Accumulator>,
-    /// In working form, in the order in which they were opened.
+    /// Entries with sums in working form, in the order in which they were opened.
     open: VecDeque<SummedRows>,
 }
 
@@ -245,9 +243,8 @@ pub(super) enum SummedRows {
 #[derive(Debug)]
 #[must_use]
 pub struct BlockGroups {
-    /// In the order of their first rows.
     pub(super) labels: Vec<Arc<str>>,
-    /// Of each group, if groups are assigned to sets.
+    /// A hash of each group, if groups are assigned to sets.
     pub(super) assigned: Vec<u64>,
     pub(super) settled: Vec<(SummedRows, ExactSums)>,
 }
@@ -280,7 +277,6 @@ impl GroupWorker {
         Ok(BlockGroups { labels, assigned, settled })
     }
 
-    /// Not handed over yet.
     pub(super) fn finish(
         mut self,
     ) -> impl Iterator<Item = Result<(SummedRows, ExactSums), FitError>> {

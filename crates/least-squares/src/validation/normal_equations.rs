@@ -36,13 +36,10 @@ const CHUNK: usize = 1024;
 /// Smaller squares of pivots, with columns of norm one, are rounding errors.
 const LEAST_PIVOT: f64 = 1e-13;
 
-/// `[X | W]ᵀ[X | W]`.
 #[derive(Clone, Debug)]
 struct NormalEquations {
-    /// Number of columns of `X`.
     features: usize,
     rows: u64,
-    /// The matrix.
     products: Mat<f64>,
 }
 
@@ -67,7 +64,6 @@ impl NormalEquations {
         Self { features: features.len(), rows: count(runs) as u64, products }
     }
 
-    /// Features at some positions.
     fn part(&self, positions: &[usize]) -> Self {
         let axes = self.features..self.features + Axis::ALL.len();
         let kept: Vec<usize> = positions.iter().copied().chain(axes).collect();
@@ -121,7 +117,7 @@ impl NormalEquations {
         Some(solved)
     }
 
-    /// On these rows; `ones` is the constant feature.
+    /// The errors of coefficients on these rows. `ones` is the constant feature.
     fn errors(&self, coefficients: MatRef<'_, f64>, ones: Option<usize>) -> PerAxis<HeldOutErrors> {
         let (p, explained) = (self.features, self.gram() * coefficients);
         std::array::from_fn(|axis| {
@@ -230,7 +226,6 @@ mod tests {
     use shell_data::wrench::Axes;
     use system_tests::random::Random;
 
-    /// Uniform numbers from −1 to 1.
     fn noise(i: usize) -> f64 {
         2.0 * Random(i as u64).unit() - 1.0
     }

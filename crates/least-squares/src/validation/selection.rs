@@ -30,7 +30,6 @@ pub const RIDGES: [f64; 5] = [0.0, 1e-8, 1e-6, 1e-4, 1e-2];
 /// The largest ridge to try; with it, features have almost no effect.
 pub const LARGEST_RIDGE: f64 = 1e4;
 
-/// Of each ridge to the previous one.
 const RIDGE_STEP: f64 = 100.0;
 
 /// Number of folds, if there are as many groups.
@@ -82,7 +81,7 @@ pub struct Tried {
     pub selection: Selection,
     /// Empty for a candidate that cannot be fitted without one of the folds.
     errors: Vec<Vec<PerAxis<HeldOutErrors>>>,
-    /// Of the measured wrench, in squares of N and N·m.
+    /// The variances of the measured wrench, in squares of N and N·m.
     variances: PerAxis<f64>,
 }
 
@@ -173,7 +172,6 @@ pub(super) fn choose<'a>(
     Ok(Tried { selection, errors: tried, variances })
 }
 
-/// True if the last candidate has the smallest error.
 fn is_best(candidates: &[Candidate]) -> bool {
     let score = |candidate: &Candidate| candidate.errors.map_or(f64::INFINITY, |of| of.score);
     let Some((last, others)) = candidates.split_last() else { return false };
@@ -309,7 +307,7 @@ fn name(of: &Candidate) -> String {
     }
 }
 
-/// Of the second of two models, and of the first.
+/// Formats the errors of the second of two models and of the first.
 fn worth(comparison: &Comparison, axes: Axes) -> String {
     in_units(axes.iter(), |axis| {
         let [first, second] = comparison.rms.map(|rms| significant(rms[axis], 3));

@@ -19,7 +19,7 @@ const LEVEL: f64 = 0.95;
 /// Coverage factor without known degrees of freedom: 95 % of normal errors.
 const COVERAGE: f64 = 2.0;
 
-/// In N and N·m.
+/// The content of a certificate, N and N·m.
 #[derive(Clone, Debug)]
 pub struct Certificate<'a> {
     pub heading: Heading<'a>,
@@ -29,13 +29,11 @@ pub struct Certificate<'a> {
     pub budget: &'a [Contribution],
     /// Statement on the 95 % intervals of single frames.
     pub intervals: &'a str,
-    /// With the loads that the sensor measured.
     pub weights: &'a [CheckedLoad],
     /// Weights, and axes of weights, that could not be compared as requested.
     pub not_compared: &'a [String],
 }
 
-/// A line of an uncertainty budget.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Contribution {
     pub source: &'static str,
@@ -59,17 +57,12 @@ fn digits(degrees: f64) -> String {
     }
 }
 
-/// A known weight and the sensor's measurement of it.
 #[derive(Clone, Debug, Serialize)]
 pub struct CheckedLoad {
-    /// The label of the weight.
     pub group: String,
     pub load: String,
-    /// The stated load, N and N·m.
     pub stated: PerAxis<f64>,
-    /// The measured load, N and N·m.
     pub measured: PerAxis<f64>,
-    /// The allowed difference.
     pub allowed: PerAxis<f64>,
     pub off: Axes,
     /// The weight is so light that an unloaded sensor would pass as well.

@@ -39,9 +39,7 @@ pub struct CalibrationReport<'a> {
     pub fit: &'a Fit,
     pub file: &'a CalibrationFile,
     pub name: &'a str,
-    /// Command that reproduces it.
     pub command: &'a str,
-    /// If the check was requested.
     pub outliers: Option<OutlierTable>,
 }
 
@@ -95,7 +93,7 @@ impl CalibrationReport<'_> {
     }
 }
 
-/// By pose, if poses are known.
+/// The fitted rows, grouped by pose if poses are known.
 fn labelled(fit: &Fit) -> Dataset {
     let has_poses = match (fit.group_by, &fit.method) {
         (None, _) => false,

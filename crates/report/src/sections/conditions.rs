@@ -9,7 +9,6 @@ use super::super::numbers::{Plot, Plots};
 use super::super::units::ColumnUnit;
 use trial::{ConditionRow, Interval, Per, Quantity};
 
-/// In the unit that suits its means.
 struct Compared<'a> {
     quantity: Quantity,
     rows: Vec<&'a ConditionRow>,
@@ -143,7 +142,6 @@ pub(super) fn conditions(report: &Report<'_>, plots: &Plots) -> String {
     html
 }
 
-/// If any.
 pub(super) fn side_by_side(name: &str, plots: &[Plot]) -> String {
     let figure = |(at, plot): (usize, &Plot)| {
         plot_figure(&format!("{name}-{at}"), "", &plot.alt, &plot.caption)

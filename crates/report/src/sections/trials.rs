@@ -45,7 +45,6 @@ pub(super) fn trials(report: &Report<'_>, plots: &Plots) -> String {
     html
 }
 
-/// Containers for plots.
 fn trial_plots(at: usize, row: &TrialRow, has_forces: bool) -> String {
     let mut html = String::new();
     if has_forces {

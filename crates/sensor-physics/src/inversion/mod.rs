@@ -197,7 +197,6 @@ impl Estimates {
 /// Least distance of a reading from lo and lo + h in the start, in shares of h.
 const MARGIN: f64 = 0.01;
 
-/// Noise of readings in the start, in shares of h.
 const START_NOISE: f64 = 0.02;
 
 /// A sensor is saturated where its curve is flatter than this share of its steepest slope.

@@ -27,7 +27,6 @@ pub(super) struct Invert<'a, const N: usize> {
 }
 
 impl<const N: usize> WithSimd for Invert<'_, N> {
-    /// The estimates, and the least sum of each row.
     type Output = (Estimates, Vec<f64>);
 
     #[inline(always)]
@@ -158,7 +157,6 @@ impl Inversion {
         NewtonResult { state, rest, sum: before, converged }
     }
 
-    /// The minimised sum, with these inverse variances.
     #[inline(always)]
     fn sum<S: Simd, const N: usize>(
         &self,

@@ -17,14 +17,12 @@ pub(super) struct OfLoad {
     pub(super) descent: [f64; OWN],
     /// Coupling with the border, a row for each deviation.
     pub(super) coupling: [Vec<f64>; OWN],
-    /// One row for the reading of each sensor.
     pub(super) rows: Vec<Row>,
 }
 
 pub(super) struct Row {
     pub(super) residual: f64,
     pub(super) slope: f64,
-    /// Derivatives with respect to the deviations of the load.
     pub(super) by_load: [f64; OWN],
     /// Positions in the border that it depends on, with the derivatives.
     pub(super) border: Vec<(usize, f64)>,

@@ -6,7 +6,6 @@ use shell_data::wrench::{LoadErrors, PerAxis, cross, force_at};
 /// of its lever.
 pub(super) const OWN: usize = 6;
 
-/// Number of components of a mounting's lever offset.
 pub(super) const SHARED: usize = 3;
 
 /// A load as it was written down.

@@ -7,7 +7,6 @@ use shell_data::hint::{did_you_mean, quoted};
 
 const REQUIRED: usize = 4;
 
-/// Alternative names of columns.
 const OTHER_NAMES: [(&str, &str); 9] = [
     ("log", "file"),
     ("t_enter", "t_enter_s"),
@@ -101,7 +100,6 @@ struct Lexed {
 }
 
 impl Lexed {
-    /// Locates the record at or after byte `start`.
     fn new(text: &str, start: usize, separator: u8) -> Self {
         // The reader's position is where it continued, which may be a blank line or a comment.
         let mut start = start;

@@ -27,22 +27,19 @@ use shell_data::hint::did_you_mean;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Manifest {
     pub rows: Vec<Result<Entry, ManifestProblem>>,
-    /// All allowed conditions, if the manifest lists them.
     pub conditions: Option<Vec<String>>,
 }
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Entry {
     pub position: CellPosition,
-    /// Without its times; the log is relative to the manifest's folder.
+    /// The trial without its times; the log is relative to the manifest's folder.
     pub trial: Trial,
     pub file_position: CellPosition,
     pub condition_position: CellPosition,
     /// Entry into the channel, s on the log's clock; `None` to find it in the forces.
     pub enter: Placed<Option<f64>>,
-    /// Exit from the channel, likewise.
     pub exit: Placed<Option<f64>>,
-    /// True if the trial is to be omitted.
     pub exclude: bool,
 }
 

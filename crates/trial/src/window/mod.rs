@@ -19,23 +19,19 @@ use plateau::{DragPlateau, PlateauFit, refine, search, standard_errors};
 const BINS: usize = 240;
 /// Averaging time if the length of a stride is unknown, s.
 const USUAL_STRIDE_S: f64 = 0.25;
-/// The minimum confidence for a proposal.
 const LEAST_CONFIDENCE: f64 = 0.5;
 /// From this confidence on, a proposal needs no inspection.
 pub const GOOD_CONFIDENCE: f64 = 0.8;
 /// The minimum drag, in units of its standard error.
 const LEAST_SIGNIFICANCE: f64 = 4.0;
 
-/// A window proposed from the drag.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Proposal {
     /// Onset of sustained drag, s on the log's clock.
     pub t_enter_s: f64,
     /// End of sustained drag, s.
     pub t_exit_s: f64,
-    /// Standard error of the onset, s.
     pub t_enter_se_s: f64,
-    /// Standard error of the end, s.
     pub t_exit_se_s: f64,
     /// Duration of the rise, and of the fall, s.
     pub ramp_s: f64,
@@ -49,7 +45,7 @@ pub struct Proposal {
 }
 
 impl Proposal {
-    /// True if it needs no inspection.
+    /// Returns true if it needs no inspection.
     pub fn is_good(&self) -> bool {
         self.confidence >= GOOD_CONFIDENCE
     }
@@ -62,7 +58,6 @@ impl Proposal {
     }
 }
 
-/// The reason why no window can be proposed.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum NoWindow {
     #[error("{rows} rows of force over {duration_s:.3} s are too few to find a window in")]

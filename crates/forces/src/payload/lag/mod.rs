@@ -44,7 +44,6 @@ pub struct Lag {
 }
 
 impl Lag {
-    /// True if the standard error is at most a millisecond.
     pub fn is_certain(&self) -> bool {
         self.standard_error_s <= SMALL_S
     }
@@ -72,14 +71,11 @@ pub fn find_lag(
     scans.min_by(|a, b| a.left.total_cmp(&b.left))?.lag()
 }
 
-/// Residuals at all lags, for blocks of one length.
 struct LagScan<'a> {
     length_s: f64,
     mass_kg: f64,
     gravity: Integral<'a>,
-    /// Times and steps of the forces.
     rows: Vec<(f64, Vector)>,
-    /// Absolute residuals at each lag, by part.
     sums: Vec<[f64; PARTS]>,
     best: usize,
     /// Residual at the best lag, relative to the median of all lags.
@@ -168,8 +164,8 @@ impl<'a> LagScan<'a> {
         (curvature > 0.0 && standard_error_s.is_finite()).then_some(Lag { lag_s, standard_error_s })
     }
 
-    /// True if a lag leaves significantly larger residuals than the best one, judged over the
-    /// parts.
+    /// Returns true if a lag leaves significantly larger residuals than the best one, judged over
+    /// the parts.
     fn is_worse(&self, lag: usize) -> bool {
         let more: [f64; PARTS] = from_fn(|part| self.sums[lag][part] - self.sums[self.best][part]);
         more.iter().sum::<f64>() / PARTS as f64 > CLEAR * standard_error(&more)

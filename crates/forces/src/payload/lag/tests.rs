@@ -47,7 +47,6 @@ impl Wander {
     }
 }
 
-/// Apparent gravity and the angle of the legs.
 struct Walk {
     mover: Mover,
     wander: [Wander; 3],

@@ -12,7 +12,6 @@ use super::{
 #[derive(Clone, Debug)]
 pub(crate) struct Dense<'a> {
     x: MatRef<'a, f64>,
-    /// Rounding errors of `x`.
     tails: Option<MatRef<'a, f64>>,
     y: MatRef<'a, f64>,
     /// Exponents of the columns of `[X | Y]`.
@@ -38,7 +37,6 @@ impl<'a> Dense<'a> {
         Self { x, tails, y, units: units.collect() }
     }
 
-    /// To the units of `X` and `Y`.
     fn unscaled(&self, mut solved: LeastSquares) -> Result<LeastSquares, LeastSquaresError> {
         let (p, q) = (self.x.ncols(), self.y.ncols());
         let (x, y) = self.units.split_at(p);
