@@ -25,7 +25,7 @@ const QUARTER: f64 = 0.552_284_75;
 /// The names of the fonts on the page, regular and bold.
 const FONTS: [&str; 2] = ["R", "B"];
 
-/// The same bytes on every machine.
+/// The drawing on white, with the same bytes on every machine.
 pub(super) fn pdf(figure: &Figure) -> Vec<u8> {
     let mut page = PdfPage { content: String::new(), glyphs: [BTreeMap::new(), BTreeMap::new()] };
     let points = POINTS * figure.size.scale();

@@ -11,7 +11,7 @@ use forces::RowRule;
 pub(super) struct Span {
     /// Contributing rows, with their shares of the mean.
     pub(super) shares: Vec<(usize, f64)>,
-    /// The same rows, with their weights in the integral over time, s.
+    /// Contributing rows, with their weights in the integral over time, s.
     weights: Vec<(usize, f64)>,
 }
 

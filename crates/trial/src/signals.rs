@@ -197,7 +197,7 @@ fn missing_rows(times: &[f64], period_s: f64) -> u64 {
     times.windows(2).map(|pair| missing(pair).saturating_sub(1)).sum()
 }
 
-/// Reports a tare that was not taken at rest.
+/// Reports a tare in which the sensor or the robot was not still.
 fn diagnose_tare(tare: &TareFrames, profile: &Profile, enter_s: f64) -> Vec<Diagnostic> {
     let mut diagnostics = Vec::new();
     // The rotation of the right leg; 0 if unknown.

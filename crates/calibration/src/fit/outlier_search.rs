@@ -203,7 +203,7 @@ impl OutlierSearch<'_> {
         gathered
     }
 
-    /// Those of `rows` that the fit uses.
+    /// The rows of a block that the fit uses, out of `rows`.
     fn used(&self, block: &Block, rows: impl Iterator<Item = usize>) -> Vec<usize> {
         let fresh = self.options.fresh.then(|| block.fresh_rows());
         rows.filter(|&row| fresh.as_ref().is_none_or(|fresh| fresh[row])).collect()

@@ -164,7 +164,7 @@ impl Calibration {
         if !observations.iter().all(is_finite) {
             return Err(RecalibrationError::NotFinite);
         }
-        // Of held-out errors to those of the physics model.
+        // Ratio of the variances of held-out errors to the variances of the physics model.
         let held_out_variance = match &self.kind {
             Kind::Polynomial(_) => {
                 if !self.axes.of(&loads.calibration_errors).into_iter().all(|error| error > 0.0) {

@@ -107,7 +107,7 @@ pub struct TestedRow {
     errs_alone: bool,
     /// The largest distance of a reading from its mean, in standard deviations.
     far: f64,
-    /// That reading is far from both neighbours, too.
+    /// True if that reading is far from both neighbours, too.
     is_far_alone: bool,
     /// A reading jumps from both neighbours, and the leverage is high enough to dominate the fit.
     takes_over: bool,

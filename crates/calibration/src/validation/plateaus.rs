@@ -44,7 +44,7 @@ const BACK_IN_INTERVALS: f64 = 10.0;
 const FORWARD_IN_INTERVALS: f64 = 100.0;
 const FORWARD_S: f64 = 1.0;
 
-/// Plateaus of slow motion are this many times shorter than those of poses.
+/// Least ratio of the lengths of poses to those of plateaus in slow motion.
 const SHORT: u64 = 4;
 
 /// Limits for a step of the load and for a jump of the clock.
@@ -99,7 +99,7 @@ fn quantile(values: &mut [f64], share: f64) -> f64 {
     *values.select_nth_unstable_by(at, f64::total_cmp).1
 }
 
-/// The division of a recording into stretches of rows.
+/// The division of a recording into blocks of rows.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Stretches {
     /// Plateaus of constant load, as their numbers of rows.
@@ -227,14 +227,14 @@ impl<const N: usize> PlateauFinder<N> {
     }
 
     fn begin(&mut self, level: Level<N>) {
-        // Memory stays bounded: too many levels are of no use.
+        // Bounds the memory: too many levels are useless.
         if self.levels.len() > 8 * MAX_GROUPS {
             self.levels.pop();
         }
         self.levels.push(level);
     }
 
-    /// Divides the rows into stretches.
+    /// Divides the rows into blocks.
     pub fn finish(self) -> Stretches {
         if let Some(plateaus) = self.plateaus() {
             return Stretches::Plateaus(plateaus);
