@@ -149,7 +149,7 @@ fn line(
     (distance <= SAME_LINE * y.norm_l2()).then_some((slope, y_mean - slope * x_mean))
 }
 
-/// Basis of the same space in which each direction has an exclusive feature: Gauss–Jordan
+/// Basis of the same space in which each direction has a feature that no other has: Gauss–Jordan
 /// elimination on columns, with the largest remaining element as the pivot.
 fn echelon(mut v: Mat<f64>) -> Mat<f64> {
     for k in 0..v.ncols() {
