@@ -17,17 +17,17 @@ pub(crate) struct Arrays<'a, 'w> {
     pub(crate) readings: ArrayView2<'a, f64>,
     /// One row per sample, one to six columns, N and N·m; missing axes are zero.
     pub(crate) wrench: ArrayView2<'a, f64>,
-    /// Index of each row's label, and the labels.
+    /// The position of each row's label, and the labels.
     pub(crate) groups: Option<(ArrayView1<'a, u32>, &'a [String])>,
     pub(crate) time: Option<ArrayView1<'a, f64>>,
-    /// Repetitions of each row, and the original row of each repeated row.
+    /// Number of repetitions of each row, and the index of the original row for each repeated row.
     pub(crate) repeats: Option<(ArrayView1<'a, u32>, Vec<usize>)>,
     /// Weight of each row, if there are no repetitions.
     pub(crate) weights: Option<ArrayView1<'a, f64>>,
     pub(crate) watch: &'w Watch,
 }
 
-/// Original row of each repeated row.
+/// Returns the index of the original row for each repeated row.
 pub(crate) fn repeated(repeats: ArrayView1<'_, u32>) -> Vec<usize> {
     let rows = repeats.iter().enumerate();
     rows.flat_map(|(row, &times)| std::iter::repeat_n(row, times as usize)).collect()
@@ -112,10 +112,10 @@ impl Arrays<'_, '_> {
     }
 }
 
-/// Rows hashed at a time: hashing a few bytes at a time is slow.
+/// Number of rows hashed at a time.
 const CHECKSUM_ROWS: usize = 512;
 
-/// Copies rows to columns, each contiguous in memory.
+/// Copies consecutive rows of an array to columns, each contiguous in memory.
 pub(crate) fn range_of_columns(array: &ArrayView2<'_, f64>, rows: Range<usize>) -> Vec<Vec<f64>> {
     array.slice(s![rows, ..]).columns().into_iter().map(|column| column.to_vec()).collect()
 }

@@ -31,7 +31,7 @@ impl PythonMessage {
         Self { class, message, ..Self::default() }
     }
 
-    /// Adds the error's causes and hint.
+    /// Creates a message of this class, with the error's causes and hint.
     fn from_error(class: &'static str, error: &(impl Error + Hint)) -> Self {
         let hint = error.hint().map(|hint| in_python(&hint));
         Self { hint, ..Self::new(class, with_causes(error)) }

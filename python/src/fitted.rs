@@ -36,8 +36,8 @@ impl From<CalibrationFile> for Fitted {
 
 type Predicted<'py> = (Bound<'py, PyArray2<f64>>, Option<Bound<'py, PyArray2<f64>>>);
 
-/// Readings, wrench, position of each row's label with the labels, number of repetitions, weight,
-/// and time.
+/// Arrays from Python: readings, wrench, position of each row's label with the labels, number of
+/// repetitions of each row, its weight, and its time.
 pub(crate) type RowArrays<'py> = (
     PyReadonlyArray2<'py, f64>,
     PyReadonlyArray2<'py, f64>,
@@ -71,7 +71,7 @@ pub(crate) fn over_rows<T: Send>(
     })
 }
 
-/// Entry of a calibration fitted to arrays.
+/// Returns the source entry of a calibration fitted to arrays.
 pub(crate) fn source(rows: &Arrays<'_, '_>) -> SourceFile {
     SourceFile {
         role: Role::Train,
@@ -82,7 +82,7 @@ pub(crate) fn source(rows: &Arrays<'_, '_>) -> SourceFile {
     }
 }
 
-/// Fits a calibration. Returns it with the warnings and the verdict.
+/// Fits a calibration. Returns it with the warnings, and the verdict.
 #[pyfunction]
 #[pyo3(signature = (rows, *, model, intercept, ridge, solver, truncate, lag, memory_terms, cross_validation, seed,
     covariance, threads, made_by, serial, progress))]
@@ -220,7 +220,7 @@ impl Fitted {
     }
 
     /// Returns the wrench of every row, and its standard errors if requested. With memory terms,
-    /// the rows must be of one recording, in order, at `time`.
+    /// the rows must be those of one recording, in order, at `time`.
     fn predict<'py>(
         &self,
         py: Python<'py>,
@@ -330,7 +330,7 @@ impl Fitted {
     }
 }
 
-/// Copies columns into the rows of `out` from `start` on.
+/// Copies columns into the rows of an array from `start` on.
 fn copy(columns: &[Vec<f64>], start: usize, out: &mut Array2<f64>) {
     for (axis, column) in columns.iter().enumerate() {
         for (row, &value) in column.iter().enumerate() {

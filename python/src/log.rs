@@ -15,13 +15,13 @@ use shell_data::wrench::Axis;
 use crate::error::{PythonFailure, PythonMessage};
 use crate::interrupt::without_lock;
 
-/// Assigned columns, by option name.
+/// The user's assignments of columns, by option name.
 pub(crate) type OptionColumns = BTreeMap<String, String>;
 
-/// Columns, which bad rows to skip, threads.
+/// Rules for reading logs: columns, which bad rows to skip, threads.
 pub(crate) type ReadRules = (OptionColumns, String, usize);
 
-/// `skipped`: none (empty), `few` or `all` invalid rows are left out.
+/// Converts the rule for invalid rows: none (empty), `few` or `all` are left out.
 pub(crate) fn read_options(skipped: &str, threads: usize) -> ReadOptions<'static> {
     ReadOptions {
         threads,
@@ -31,7 +31,7 @@ pub(crate) fn read_options(skipped: &str, threads: usize) -> ReadOptions<'static
     }
 }
 
-/// Names and columns, the group of each row with the labels, skipped and repeated rows.
+/// Names and columns, the group of each row with the labels, numbers of skipped and repeated rows.
 type ReadArrays<'py> = (
     Vec<(String, Bound<'py, PyArray1<f64>>)>,
     Option<(Bound<'py, PyArray1<u32>>, Vec<String>)>,

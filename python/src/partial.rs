@@ -25,7 +25,7 @@ use crate::options;
 #[pyclass(module = "shellcal._native")]
 pub(crate) struct Partial(PartialFit);
 
-/// Model, intercept, groups kept, seed of the random split.
+/// The kind of sums: model, intercept, groups kept, seed of the random split.
 type What = (String, bool, Option<String>, u64);
 
 fn largest_basis(model: &str) -> Result<Basis, PythonFailure> {

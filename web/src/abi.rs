@@ -12,9 +12,9 @@ use crate::{Answer, BoardSession, Progress};
 
 #[link(wasm_import_module = "page")]
 unsafe extern "C" {
-    /// Reports bytes of logs read so far.
+    /// Reports the number of bytes of logs read so far.
     safe fn progress(bytes: f64);
-    /// Reports completed folds of the physics model.
+    /// Reports the number of completed folds of the physics model.
     safe fn folds(done: usize, of: usize);
 }
 
@@ -24,7 +24,7 @@ thread_local! {
     static OUTPUTS: RefCell<Vec<Vec<u8>>> = const { RefCell::new(Vec::new()) };
 }
 
-/// Starts a buffer, which has to be filled before any other call.
+/// Returns the start of a new buffer, which has to be filled before any other call.
 #[unsafe(no_mangle)]
 extern "C" fn buffer(length: usize) -> *mut u8 {
     let mut bytes: Arc<[u8]> = std::iter::repeat_n(0, length).collect();

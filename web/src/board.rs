@@ -31,14 +31,14 @@ pub(crate) struct Begin {
     name: String,
     /// As for `--framing`; detected if `None`.
     framing: Option<String>,
-    /// Start the board's stream.
+    /// True to start the board's stream.
     starts: bool,
-    /// Write a log from the first byte on.
+    /// True to write a log from the first byte on.
     records: bool,
-    /// Logs of boards in the page so far, which their names count.
+    /// Number of logs of boards in the page so far, which their names count.
     logs: usize,
     calibration: Option<FileRef>,
-    /// Loads for the guide.
+    /// Planned loads for the guide.
     plan: Option<FileRef>,
 }
 
@@ -70,13 +70,13 @@ impl BoardSession {
         }
     }
 
-    /// Takes a turn. The answer contains the bytes to send, a picture if requested, the board's
-    /// identity, and the names of completed logs; its files are pieces of logs, to be appended to
-    /// the log of that name. An error ends the connection: the board is told to stop, and the files
-    /// keep the data received before.
+    /// Takes a turn as requested in JSON. The answer contains the bytes to send, a picture if
+    /// requested, the board's identity, and the names of completed logs; its files are pieces of
+    /// logs, to be appended to the log of that name. An error ends the connection: the board is
+    /// told to stop, and the files keep the data received before.
     pub fn turn(&mut self, request: &[u8], bytes: &[u8]) -> Answer {
         let mut document = self.take(request, bytes).unwrap_or_else(|failure| {
-            // The first failure is the one reported.
+            // Received data are kept; the first failure is the one reported.
             let _ = self.recorder.finish();
             let _ = self.recorder.close();
             let mut document = Answer::from(failure).document;
@@ -104,7 +104,7 @@ impl BoardSession {
         }
         if turn.ends {
             commands.extend(self.recorder.last_commands());
-            // Labels poses that lasted until the end.
+            // Labels loads that were held until the end.
             self.session.advance(elapsed, true).map_err(RecordError::from)?;
             self.recorder.finish()?;
             let recorded = self.recorder.recorded(elapsed);

@@ -30,7 +30,7 @@ pub(crate) struct FitRequest {
     /// As for `--cv`.
     #[serde(default)]
     hold_out: Option<String>,
-    /// UTC, RFC 3339 to the second.
+    /// The current time in UTC, RFC 3339 to the second.
     date: String,
 }
 
@@ -106,7 +106,7 @@ impl FitRequest {
         }
     }
 
-    /// Equivalent command line, without assigned columns.
+    /// Returns the equivalent command line, without assigned columns.
     fn command(&self) -> String {
         let names = |files: &[FileRef]| -> String {
             files.iter().map(|file| format!(" '{}'", file.name.replace('\'', r"'\''"))).collect()

@@ -97,16 +97,16 @@ impl From<Failure> for Answer {
 
 #[derive(Clone, Copy)]
 pub struct Progress<'a> {
-    /// Bytes of logs read so far.
+    /// Receives the number of bytes of logs read so far.
     pub bytes: &'a (dyn Fn(u64) + Sync),
-    /// Completed folds of the physics model, and their total.
+    /// Receives the number of completed folds of the physics model, and the total.
     pub folds: &'a (dyn Fn(usize, usize) + Sync),
 }
 
 #[derive(Deserialize)]
 #[serde(tag = "task", rename_all = "snake_case")]
 enum PageRequest {
-    /// A file's kind and its faults.
+    /// Detect a file's kind and its faults.
     Examine(Examine),
     Fit(FitRequest),
     /// Convert readings to forces.

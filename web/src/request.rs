@@ -24,7 +24,7 @@ impl FileRef {
         files.get(self.file).cloned().ok_or_else(|| missing().into())
     }
 
-    /// Parses the file; an error contains its name.
+    /// Parses the file with `parse`; an error contains the file's name.
     pub(crate) fn parsed<T, E: Error>(
         &self,
         files: &[Arc<[u8]>],
@@ -43,7 +43,7 @@ impl FileRef {
     }
 }
 
-/// Positions from 1; `None` is detected.
+/// The user's assignments of columns, by position from 1; `None` is detected.
 #[derive(Default, Deserialize)]
 #[serde(default)]
 pub(crate) struct ColumnsGiven {

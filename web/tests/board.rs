@@ -69,7 +69,7 @@ impl Page {
         Ok(commands)
     }
 
-    /// Feeds bytes in pieces and at the pace of 100 Hz.
+    /// Feeds bytes like a port, in pieces and at the pace of 100 Hz.
     fn hear(&mut self, bytes: &[u8]) -> Result<(), String> {
         for piece in bytes.chunks(97) {
             self.now_ms += 33.0;

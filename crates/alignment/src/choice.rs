@@ -17,15 +17,15 @@
 use super::normal::{GramSums, Projected, inverse};
 use super::response::Family;
 
-/// Models whose residuals are larger by at most this factor remain plausible: geometric mean of
-/// channels.
+/// Models whose residuals are larger by at most this factor, in the geometric mean of the channels,
+/// remain plausible.
 const PLAUSIBLE: f64 = 1.3;
 
-/// Error due to speed-dependent friction, relative to the shift of the offset by quick lags; from
-/// simulated sensors with bristles (`docs/alignment.md`).
+/// The error due to speed-dependent friction, relative to the shift of the offset by quick lags.
+/// The value was determined with simulated sensors with bristles (`docs/alignment.md`).
 const SPEED: f64 = 3.0;
 
-/// Smaller differences, in standard deviations of the noise, are attributed to noise.
+/// Differences within this number of standard deviations of the noise are put down to it.
 const CHANCE: f64 = 2.0;
 
 struct FamilyChoice {
@@ -113,8 +113,8 @@ mod tests {
 
     const FAMILIES: [Option<Family>; 3] = [None, Some(Family::AxisPlays), Some(Family::Lags)];
 
-    /// One channel that follows feature 0 with a delay, a share of the memory 1; the memory 2 is
-    /// unused. The slope equals that of feature 0.
+    /// One channel that follows the feature 0 with a delay, which is a share of the memory 1; the
+    /// memory 2 is unused. The slope equals that of the feature 0.
     fn gram(share: f64, noise: f64) -> GramSums {
         let mut gram = GramSums::new(3, 1);
         let mut random = Random(3);
@@ -140,8 +140,8 @@ mod tests {
 
     #[test]
     fn models_with_other_offsets_widen_the_error_unless_their_residuals_are_worse() {
-        // Without the play, the offset takes its delay: 0.3 of a play that is 0.3 late is about
-        // 0.09.
+        // Without the play, its delay is attributed to the offset: 0.3 of a play that is 0.3 late
+        // is about 0.09.
         let seen = gram(0.3, 0.02);
         let candidates = Candidates::new(&seen, &FAMILIES, 1);
         let keep = candidates.best().unwrap().clone();

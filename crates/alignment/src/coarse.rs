@@ -22,13 +22,13 @@ use rustfft::{Fft as _, FftDirection, Length as _};
 use super::error::{AlignError, HIGHEST_RATIO, LEAST_EXPLAINED, LEAST_OVERLAP_S};
 use super::recording::Clean;
 
-/// Smallest bin width, s: below the duration of a tap.
+/// The smallest bin width, s: below the duration of a tap.
 const BIN_S: f64 = 0.02;
 /// With more rivals than this, the load is periodic.
 const MOST_RIVALS: usize = 4;
 /// Changes are clipped to this many standard deviations, so that a damaged frame does not decide.
 const CLIP: f64 = 6.0;
-/// Directions weaker than this share of the strongest are not scaled up to unit variance.
+/// Directions weaker than this fraction of the strongest are not scaled up to unit variance.
 const FLOOR: f64 = 0.02;
 
 #[derive(Clone, Debug)]
@@ -84,8 +84,8 @@ fn argmax(values: &[f64], range: std::ops::Range<usize>) -> Option<usize> {
     range.max_by(|&a, &b| values[a].total_cmp(&values[b]))
 }
 
-/// The peaks other than `best` down to `high`, highest first; at most one more than
-/// [`MOST_RIVALS`].
+/// The peaks other than `best`, the highest first, down to `high`; at most one more than the
+/// maximum number of rivals.
 fn peaks(scores: &[f64], best: usize, high: f64) -> Vec<usize> {
     let mut left = scores.to_vec();
     let mut peaks = Vec::new();
@@ -103,7 +103,7 @@ fn peaks(scores: &[f64], best: usize, high: f64) -> Vec<usize> {
     peaks
 }
 
-/// Extent of the peak at `best`: to the first minimum on each side that is below half of it.
+/// The extent of the peak at `best`: to the first minimum on each side that is below half of it.
 fn lobe(scores: &[f64], best: usize) -> (usize, usize) {
     let half = 0.5 * scores[best];
     let is_foot = |i: usize| {
@@ -118,7 +118,7 @@ fn lobe(scores: &[f64], best: usize) -> (usize, usize) {
 struct Changes {
     bins: usize,
     columns: Vec<Vec<f64>>,
-    /// 0 without a change.
+    /// Squared length of each change, 0 for none.
     squared: Vec<f64>,
     present: Vec<f64>,
     energy: f64,

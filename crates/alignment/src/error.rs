@@ -2,17 +2,17 @@
 
 use shell_data::hint::Hint;
 
-/// Least time covered by both recordings, s.
+/// The minimum time covered by both recordings, s.
 pub(crate) const LEAST_OVERLAP_S: f64 = 5.0;
 
-/// Least share of the readings' changes that the reference must explain.
+/// The minimum share of the readings' changes that the reference must explain.
 pub(crate) const LEAST_EXPLAINED: f64 = 0.25;
 
-/// Highest score of another peak, relative to the best, that is not a rival.
+/// The highest score of another peak, relative to the best, that is not a rival.
 pub(crate) const HIGHEST_RATIO: f64 = 0.7;
 
-/// Largest plausible skew, ppm: ten times the tolerance of crystals, enough for most ceramic
-/// resonators.
+/// The largest plausible skew, ppm: ten times the tolerance of crystals, and enough for most
+/// ceramic resonators.
 pub(crate) const LARGEST_SKEW_PPM: f64 = 1000.0;
 
 pub(crate) const MOST_EDGES: usize = 4096;

@@ -45,19 +45,19 @@ const HIGHEST_MATCHED_RATE_HZ: f64 = 250.0;
 /// Length of the block of time for the first search: enough for many contacts, and short enough
 /// that 200 ppm of skew blur it by less than a tap.
 const PROBE_S: f64 = 120.0;
-/// Most blocks tried.
+/// The maximum number of blocks of time tried.
 const PROBES: usize = 8;
 const PRIOR_SKEW: f64 = 2e-4;
 
-/// Ratio of unexplained variances above which a rival is ruled out.
+/// The ratio of unexplained variances above which a rival is ruled out.
 const CLEARLY: f64 = 4.0;
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Options {
     pub exposure_s: f64,
-    /// Consecutive equal readings are one frame logged repeatedly, even when still.
+    /// True if consecutive equal readings are one frame logged repeatedly, even when still.
     pub repeats_are_stale: bool,
-    /// Edges of a signal that both sides recorded; they align the clocks.
+    /// The edges of a signal that both sides recorded. If given, they align the clocks.
     pub edges: Option<Edges>,
 }
 
@@ -65,7 +65,7 @@ pub struct Options {
 pub struct ClockMap {
     /// Reference time minus board time at the pivot, s.
     pub offset_s: f64,
-    /// (dt_reference/dt_board) − 1.
+    /// The relative rate of the reference's clock: (dt_reference/dt_board) − 1.
     pub skew: f64,
     /// Board time at which the offset is given, s: the middle of the overlap.
     pub pivot_s: f64,
@@ -94,12 +94,12 @@ impl ClockMap {
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Quality {
-    /// Share of the readings' variance that the aligned reference explains through the map with
-    /// memory; mean of the channels.
+    /// Share of the readings' variance that the aligned reference explains, through the map with
+    /// memory, averaged over the channels.
     pub explained: f64,
     /// RMS of the unexplained part in each changing channel, around its usual reading.
     pub residual_counts: Vec<f64>,
-    /// Rows of the board (averaged down to 250 Hz) compared.
+    /// Number of the board's rows (averaged down to 250 Hz) compared.
     pub rows: usize,
     pub search_explained: f64,
     pub search_ratio: f64,
@@ -113,7 +113,7 @@ pub struct Quality {
     pub excerpt: Excerpt,
 }
 
-/// A channel around its steepest change.
+/// A channel around its steepest change: readings and predictions from the aligned reference.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Excerpt {
     /// The channel, from 0, among those that change.
@@ -124,7 +124,7 @@ pub struct Excerpt {
 #[derive(Debug)]
 pub struct Aligned {
     pub clock: ClockMap,
-    /// `None` if the loads do not match and the clocks come from edges.
+    /// The match of the loads; `None` if they do not match and the clocks come from edges.
     pub quality: Option<Quality>,
     pub edges: Option<EdgeMatch>,
     pub reference_left_out: LeftOut,
@@ -238,7 +238,7 @@ struct Refinement {
 }
 
 impl Refinement {
-    /// Refines the match and its rivals; one must explain far more than any other.
+    /// Refines the match and its rivals. One of them must explain far more than any other.
     fn clearest(&self, found: &Match, probe: (f64, f64)) -> Result<WarpEstimate, AlignError> {
         if found.rivals.is_empty() {
             return self.grow(found.offset_s, probe);
@@ -291,8 +291,8 @@ impl Aligned {
     /// frequency and averaged over its exposure.
     ///
     /// Calls `row` with board time (s, on its own clock), readings and wrench for each row that is
-    /// not a repeat and that the reference covers. Returns the number of rows that it does not
-    /// cover.
+    /// not a repeat and is covered by the reference. Returns the number of rows that the reference
+    /// does not cover.
     ///
     /// # Errors
     /// Any error of `row`.

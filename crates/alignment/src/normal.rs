@@ -6,8 +6,8 @@ use faer::{Accum, Mat, MatRef, Par};
 
 use super::optics::{Bend, POWERS};
 
-/// Previous features explain a feature with a pivot below this share of its diagonal: for example,
-/// features of a load that never occurs.
+/// A pivot below this fraction of its diagonal means that previous features explain the feature:
+/// for example, features of a load that never occurs.
 const TOLERANCE: f64 = 1e-9;
 
 /// Regularisation of the bends, as a share of the powers' squares: zero if the rows do not
@@ -66,8 +66,8 @@ impl Projected {
         }
         let kept: Vec<usize> = (0..features).filter(|&k| keep(k)).collect();
         let columns: Vec<usize> = kept.iter().copied().chain(features..gram.ncols()).collect();
-        // Cholesky by rows of the upper triangle, with the right-hand sides: `work` ends as [R |
-        // R⁻ᵀ XᵀZ] above the projected block.
+        // Cholesky by rows of the upper triangle, applied to the right-hand sides at the same time:
+        // `work` ends as [R | R⁻ᵀ XᵀZ] above the projected block.
         let row = |&i: &usize| columns.iter().map(|&j| gram[(i.min(j), i.max(j))]).collect();
         let mut work: Vec<Vec<f64>> = columns.iter().map(row).collect();
         let mut used = Vec::with_capacity(kept.len());
@@ -203,8 +203,8 @@ mod tests {
         gram
     }
 
-    /// Two features, and one channel whose straight reading is 2 X₀ − X₁ + 0.5 D + 0.25 tD,
-    /// recorded bent: `z = y + bend · p₂`.
+    /// Two features, and one channel whose straight reading is 2 X₀ − X₁ + 0.5 D + 0.25 tD without
+    /// error, but which is recorded bent: `z = y + bend · p₂`.
     fn rows(repeat_a_feature: bool, bend: f64) -> Vec<Vec<f64>> {
         let row = |i: i32| {
             let t = f64::from(i) / 20.0;

@@ -18,7 +18,7 @@ pub(super) const POWERS: usize = 3;
 /// Coefficients of the powers that are added to a reading.
 pub(super) type Bend = [f64; POWERS];
 
-/// Limit on x: powers of damaged readings, which are farther out, are held there.
+/// Limit on x, in units of r: powers of damaged readings, which are farther out, are held there.
 const FARTHEST: f64 = 2.0;
 
 /// Median of a channel's readings, and the distance from it that 1 % exceed.

@@ -40,10 +40,10 @@ use super::{Excerpt, Quality};
 
 const BLOCK: usize = 256;
 const STEPS: usize = 40;
-/// A constant and a drift.
+/// Number of features that do not depend on the load: a constant and a drift.
 const CONSTANTS: usize = 2;
-/// First steps that also estimate the share of the memory in the products; fixed afterwards, so
-/// that the steps converge.
+/// Number of first steps that also estimate the share of the memory in the products; it is then
+/// fixed, so that the steps can converge.
 const MEMORY_STEPS: usize = 4;
 /// Steps are small below this share of the standard error for white residuals.
 const SMALL: f64 = 0.01;
@@ -51,22 +51,22 @@ const SMALL: f64 = 0.01;
 const ROUGH: f64 = 0.1;
 /// Full steps; later ones are halved, since bends and outlier weights may oscillate with them.
 const FULL_STEPS: usize = 8;
-/// Fewest rows per feature for a trial of all kinds of memory.
+/// The minimum number of rows per feature for a trial of all kinds of memory.
 const ROWS_PER_FEATURE: usize = 4;
-/// Least slope by which readings are straightened for the figure.
+/// The minimum slope by which readings are straightened for the figure.
 const LEAST_GAIN: f64 = 0.1;
 /// A row with a larger residual (squared, per channel) is downweighted (Huber).
 const OUTLIER: f64 = 4.0;
-/// Smaller oscillating steps are accepted, s: jumps of the load between two frames make the
+/// Oscillating steps below this are accepted, s: jumps of the load between two frames make the
 /// objective a function of the offset with corners.
 const NEARLY_S: f64 = 5e-4;
 /// A step of this length has lost the match, s.
 const LOST_S: f64 = 10.0;
 const EXCERPT_S: f64 = 0.6;
-/// Features hardly change over a shorter step of the offset.
+/// The largest step of the offset, s: features hardly change over a shorter one.
 const LARGEST_STEP_S: f64 = 0.01;
 
-/// Map from board time to reference time, each since the start of its recording.
+/// The map from board time to reference time, each since the start of its recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Warp {
     pub(super) offset_s: f64,
@@ -119,7 +119,7 @@ impl KnownSensor {
         }
     }
 
-    /// Adds plays beyond those on the axes; their share is not yet known.
+    /// Adds plays beyond those on the axes, whose share is not yet known.
     fn with_channels(mut self, trajectory: &Trajectory) -> Self {
         let linear = linear(&self.map);
         self.model = self.model.with_channels(linear, |direction| trajectory.reach(direction));
@@ -151,7 +151,7 @@ struct SettledWarp {
     projected: Projected,
     /// H⁻¹.
     white: [[f64; 2]; 2],
-    /// Last step of the offset (s) and the skew, if the steps oscillate.
+    /// The last step of the offset (s) and the skew, if the steps oscillate.
     left: [f64; 2],
 }
 
@@ -209,7 +209,7 @@ impl<'a> WarpProblem<'a> {
     ) -> Self {
         let first = frames.time_s.partition_point(|&t| t < from_s);
         let last = frames.time_s.partition_point(|&t| t <= to_s);
-        // The middle of the overlap makes the offset nearly independent of the skew.
+        // The middle of the overlap, at which the offset is nearly independent of the skew.
         let inside = |i: &usize| {
             let tau = near.apply(frames.time_s[*i]);
             tau >= 0.0 && tau <= trajectory.span_s()
@@ -229,8 +229,8 @@ impl<'a> WarpProblem<'a> {
         }
     }
 
-    /// Steps until they are `small`. Each step updates map, weights and bends, and in the first
-    /// `memory_steps` also the shares of the memory.
+    /// Takes Gauss–Newton steps until they are `small`. Each step updates map, weights and bends,
+    /// and in the first `memory_steps` also the shares of the memory.
     fn settle(
         &self,
         warp: &mut Warp,
@@ -364,7 +364,7 @@ impl<'a> WarpProblem<'a> {
         let mut sums = ResidualSums::new(channels, -self.half_span_s);
         self.for_each(&warp, current, |row| sums.add(row, &row.features[CONSTANTS..], &solution));
         let covariance = sums.covariance(*white, spread);
-        // The excerpt shows the channel with the fastest change of a reading.
+        // The excerpt shows the channel with the fastest change of a reading, around that time.
         let (_, channel, centre_s) = sums.steepest;
         let mut points = Vec::new();
         self.for_each(&warp, current, |row| {

@@ -146,7 +146,7 @@ impl Kernel {
     }
 }
 
-/// Modified Bessel function of order 0, by its power series (all terms positive).
+/// The modified Bessel function of order 0, by its power series (all terms positive).
 fn bessel_i0(x: f64) -> f64 {
     let quarter = 0.25 * x * x;
     let (mut term, mut sum) = (1.0, 1.0);

@@ -20,7 +20,7 @@
 
 use faer::MatRef;
 
-/// Half-widths of the plays, as shares of the largest load in the direction.
+/// Half-widths of the plays, as fractions of the largest load in the direction.
 const PLAY: [f64; 6] = [0.04, 0.08, 0.14, 0.21, 0.3, 0.42];
 const LAGS: [(f64, Family); 6] = [
     (0.15, Family::Lags),
@@ -51,10 +51,10 @@ impl Family {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct MemoryModel {
     axes: usize,
-    /// Share of the response to each axis that passes through each of its plays and lags.
+    /// The share of the response to each axis that passes through each of its plays and lags.
     shares: Vec<f64>,
     /// A direction of the scaled wrench for each channel, row by row, scaled so that the load
-    /// reaches 1. Empty without plays along channels and joint plays.
+    /// reaches 1. Empty if the model has neither plays along channels nor joint plays.
     directions: Vec<f64>,
 }
 
@@ -177,7 +177,7 @@ pub(super) struct MemoryResponse {
 }
 
 impl MemoryResponse {
-    /// `largest` is the size of the load on each axis.
+    /// `largest` is the size of the load on each axis, `step_s` the time between samples.
     pub(super) fn new(largest: &[f64], step_s: f64, model: MemoryModel) -> Self {
         Self {
             largest: largest.to_vec(),

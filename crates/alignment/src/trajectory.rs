@@ -5,8 +5,8 @@ use super::recording::Clean;
 use super::resample::Resampler;
 use super::response::{MemoryModel, MemoryResponse};
 
-/// Grid points per output sample: cubic interpolation errs by less than 0.4 % at the cut-off, and
-/// 1e-5 at a quarter of it.
+/// Grid points per output sample: cubic interpolation then errs by less than 0.4 % at the cut-off,
+/// and 1e-5 at a quarter of it.
 const PER_OUTPUT: f64 = 4.0;
 
 /// Leaves faster loads small against the noise; a longer kernel would only take longer.
@@ -54,7 +54,7 @@ impl Trajectory {
         Self { step_s, axes: axes.len(), values, valid, largest }
     }
 
-    /// Largest load in a direction of the wrench, with each axis scaled to 1.
+    /// The largest load in a direction of the wrench, with each axis scaled to 1.
     pub(super) fn reach(&self, direction: &[f64]) -> f64 {
         let scaled: Vec<f64> = direction.iter().zip(&self.largest).map(|(d, w)| d / w).collect();
         let along = |row: &[f64]| row.iter().zip(&scaled).map(|(w, d)| w * d).sum::<f64>().abs();
@@ -89,8 +89,8 @@ pub(super) struct FeatureWindow<'a> {
 }
 
 impl FeatureWindow<'_> {
-    /// Features and slopes (1/s) at `time_s`, by cubic interpolation; times must not go back.
-    /// Returns false if the reference has no value.
+    /// The features and their slopes (1/s) at `time_s`, by cubic interpolation; times must not go
+    /// back. Returns false if the reference has no value.
     pub(super) fn at(&mut self, time_s: f64, values: &mut [f64], slopes: &mut [f64]) -> bool {
         let position = time_s / self.trajectory.step_s;
         if !(position >= 1.0 && position < self.trajectory.valid.len() as f64 - 2.0) {
@@ -136,7 +136,7 @@ impl FeatureWindow<'_> {
             self.rows.resize(start + self.width, 0.0);
             self.response.next(wrench, &mut self.rows[start..]);
             self.end += 1;
-            // Jumps: no row needs to be kept.
+            // On the way to a distant k no row needs to be kept.
             if self.end <= k {
                 self.rows.clear();
                 self.first = self.end;

@@ -6,31 +6,31 @@ use super::inner_products::dots;
 use super::optics::Straight;
 use super::response::MemoryModel;
 
-/// Residuals correlated for longer are drift, which the model includes, s.
+/// Residuals correlated for longer than this are drift, which the model includes, s.
 const CORRELATED_S: f64 = 0.5;
 const SCORE_BIN_S: f64 = 0.01;
-/// Share of the model error (residuals that are similar from row to row) that is assumed to lie
-/// along the slopes, where the offset absorbs it and no residual shows it. From sensors of six
-/// kinds of hysteresis (`docs/alignment.md`).
+/// Residuals that are similar from row to row come from the model. This share of the model error is
+/// assumed to lie along the slopes, where the offset absorbs it and no residual shows it. The value
+/// was found with sensors of six kinds of hysteresis (`docs/alignment.md`).
 const HIDDEN_SHARE: f64 = 0.025;
-/// Uncertain share of the memory's delay: no model has exactly the right widths, times and
-/// directions (found in the same way).
+/// No model of the memory has exactly the right widths, times and directions: this share of its
+/// delay is uncertain, however small the residuals are (found in the same way).
 const UNKNOWN_DELAY: f64 = 0.012;
-/// Uncertain share of the frames' period: they do not show when a load jumps between two of them
-/// (found in the same way).
+/// Frames do not show when a load jumps between two of them: this share of their period is
+/// uncertain (found in the same way).
 const UNKNOWN_JUMP: f64 = 0.4;
-/// Standard deviations subtracted from the products of successive residuals, which pure noise
-/// scatters about zero.
+/// Pure noise makes products of successive residuals scatter about zero: this number of standard
+/// deviations of that scatter is subtracted.
 const CHANCE: f64 = 2.0;
 
 pub(super) struct MatchedRow<'a> {
     pub(super) from_pivot_s: f64,
     pub(super) features: &'a [f64],
-    /// Derivative of the predicted straight readings by the offset, counts/s.
+    /// The derivative of the predicted straight readings with respect to the offset, counts/s.
     pub(super) slope: &'a [f64],
     pub(super) readings: &'a [f64],
     pub(super) straight: &'a [Straight],
-    /// 1, or less for an outlier.
+    /// The weight of the row: 1, or less for an outlier.
     pub(super) weight: f64,
     /// Straight reading minus the predicted one, counts.
     pub(super) residual: &'a [f64],
@@ -75,7 +75,7 @@ impl ResidualSums {
         Self { start_s, end_s, squares, before, slope_before, late_part, ..Self::default() }
     }
 
-    /// `of_load` are the features that depend on the load.
+    /// Adds a row; `of_load` are the features without those that do not depend on the load.
     pub(super) fn add(&mut self, row: &MatchedRow<'_>, of_load: &[f64], at: &Solution<'_>) {
         self.rows += 1;
         self.late_features.resize(of_load.len(), 0.0);
@@ -135,7 +135,7 @@ impl ResidualSums {
         covariance
     }
 
-    /// Period of the frames if the load jumps between them; nearly zero for a gradual load.
+    /// The period of the frames if the load jumps between them; nearly zero for a gradual load.
     fn jump_s(&self) -> f64 {
         let period_s = (self.end_s - self.start_s) / self.rows.max(1) as f64;
         let roughness = if self.late[1] > 0.0 { self.jumps / self.late[1] } else { 0.0 };
@@ -154,7 +154,7 @@ impl ResidualSums {
         self.squares.iter().map(|[squares, ..]| (squares / self.rows as f64).sqrt()).collect()
     }
 
-    /// Share of the readings' variance that is explained; mean of the channels that change.
+    /// Share of the readings' variance that is explained, averaged over the channels that change.
     pub(super) fn explained(&self) -> f64 {
         let left = self.squares.iter().filter_map(|[squares, sum, sum_of_squares]| {
             let spread = sum_of_squares - sum * sum / self.rows as f64;

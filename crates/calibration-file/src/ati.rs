@@ -75,7 +75,7 @@ fn without_comments(text: &str) -> String {
     parts.fold(first, |all, part| all + part.split_once("-->").map_or("", |(_, after)| after))
 }
 
-/// Text of every opening tag `name`, without the name.
+/// The text of every opening tag `name`, without the name.
 fn elements<'a>(text: &'a str, name: &'a str) -> impl Iterator<Item = &'a str> {
     text.split('<').filter_map(move |part| {
         let rest = part.strip_prefix(name)?;

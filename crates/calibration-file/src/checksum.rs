@@ -16,8 +16,8 @@ pub(super) fn add(document: &str) -> String {
     format!("{content}{}", seal(content.as_bytes()))
 }
 
-/// Checks a document. Windows line ends, which version control may introduce, are read as plain
-/// line feeds.
+/// Checks the checksum of a document. Windows line ends, which version control may introduce, are
+/// read as plain line feeds.
 ///
 /// # Errors
 /// The reason, if the document is not as written.
@@ -32,7 +32,7 @@ pub(super) fn check(document: &[u8]) -> Result<(), &'static str> {
     }
 }
 
-/// The field and the end of a document, for this content.
+/// The checksum field and the end of a document, for this content.
 fn seal(content: &[u8]) -> String {
     format!("{FIELD}{:032x}\"{END}", XxHash3_128::oneshot(content))
 }

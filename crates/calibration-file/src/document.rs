@@ -40,7 +40,7 @@ struct PolynomialDocument {
     lag: Option<ReferenceLag>,
 }
 
-/// Read first; absent for all six axes.
+/// The axes of a document, which are read first; absent if they are all six.
 #[derive(Deserialize)]
 struct AxesHeader {
     axes: Option<Axes>,
@@ -97,7 +97,7 @@ impl PolynomialDocument {
         Ok(CalibrationFile { calibration, origin: self.origin })
     }
 
-    /// Checks consistency, on which the rest of the program relies.
+    /// Checks that the parts are consistent; the rest of the program relies on that.
     fn check(&self) -> Result<(), String> {
         let axes = self.axes;
         let is_allowed = match self.schema_version {

@@ -65,16 +65,16 @@ use calibration::{Calibration, Kind};
 use input::DocumentKind;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Version that this program writes: any model, with a checksum.
+/// The version of the documents that this program writes: any model, with a checksum.
 pub const SCHEMA_VERSION: u64 = 4;
 
-/// Last version of six-axis polynomials without a checksum.
+/// The last version of six-axis polynomial documents without a checksum.
 pub(crate) const SIX_AXES_SCHEMA_VERSION: u64 = 1;
 
-/// Last version of physics models without a checksum.
+/// The last version of physics model documents without a checksum.
 pub(crate) const PHYSICS_SCHEMA_VERSION: u64 = 2;
 
-/// Last version of polynomials with fewer than six axes without a checksum.
+/// The last version without a checksum of polynomial documents with fewer than six axes.
 pub(crate) const FEWER_AXES_SCHEMA_VERSION: u64 = 3;
 
 #[derive(Clone, Debug, PartialEq)]
@@ -128,7 +128,7 @@ pub enum Problem {
     Inconsistent(String),
     #[error("it is not what was written: {0}")]
     Checksum(&'static str),
-    /// Predates checksums, or was edited to claim so.
+    /// The version predates checksums, or was edited to claim so.
     #[error("version `{version}` has no checksum, so damage cannot be detected")]
     Unsealed { version: u64 },
     #[error("it cannot be a calibration: {0}")]
@@ -172,15 +172,15 @@ impl From<serde_json::Error> for Problem {
 #[derive(Deserialize)]
 struct DocumentHeader {
     schema_version: u64,
-    /// Name of a model, or features of a polynomial.
+    /// The name of a model, or the features of a polynomial.
     model: Option<serde_json::Value>,
-    /// Present with a checksum.
+    /// Present if the document has a checksum.
     checksum: Option<IgnoredAny>,
 }
 
 impl CalibrationFile {
-    /// Unexplained share of the loads' variance, 1 − R² per axis, if known: of the training loads,
-    /// or for a physics model of held-out loads.
+    /// The unexplained share of the loads' variance, 1 − R² per axis, if known. It is computed from
+    /// the training loads, or for a physics model from held-out loads.
     pub fn unexplained(&self) -> Option<PerAxis<f64>> {
         let diagnostics = self.origin.diagnostics.as_ref()?;
         let train = diagnostics.train;
@@ -247,7 +247,7 @@ impl CalibrationFile {
         Ok(file)
     }
 
-    /// Largest absolute training load of each axis, N and N·m, if known.
+    /// The largest absolute training load of each axis, N and N·m, if known.
     pub fn largest_loads(&self) -> Option<PerAxis<f64>> {
         let excitation = self.origin.diagnostics.as_ref()?.excitation.as_ref()?;
         Some(excitation.largest_loads())
@@ -260,9 +260,9 @@ impl CalibrationFile {
         })
     }
 
-    /// Imports the coefficient matrix at `path`: CSV, a calibration of ATI, or MATLAB 5, as the
-    /// beginning of the file shows. `options` supplies the information that the file lacks. The
-    /// origin names the file only.
+    /// Imports a calibration from the coefficient matrix at `path`: CSV, a calibration of ATI, or
+    /// MATLAB 5, as the beginning of the file shows. `options` supplies the information that the
+    /// file lacks. The origin names the file and is otherwise empty.
     ///
     /// # Errors
     /// [`CalibrationFileError`] if the file cannot be read or is not such a matrix.

@@ -19,7 +19,7 @@ use super::LARGEST;
 pub struct ImportOptions {
     /// The unit of moments; by default the unit in the header, or mN·m without a header.
     pub moment_unit: Option<MomentUnit>,
-    /// Variable of a MATLAB file; by default `N`, `C`, or the only one.
+    /// The variable of a MATLAB file; by default `N`, `C`, or the only variable.
     pub variable: Option<String>,
 }
 
@@ -65,8 +65,8 @@ fn feature_name(term: &Term) -> String {
     powers.map(|run| format!("s{}^{}", run[0] + 1, run.len())).collect::<Vec<_>>().join("*")
 }
 
-/// Reads CSV or MATLAB 5, which begins with a text of 116 bytes and has its byte order mark at
-/// byte 126.
+/// Reads a matrix: CSV or MATLAB 5. A MATLAB 5 file begins with a text of 116 bytes and has its
+/// byte order mark at byte 126.
 pub(super) fn parse(bytes: &[u8], options: &ImportOptions) -> Result<Calibration, MatrixError> {
     if bytes.starts_with(b"MATLAB") && matches!(bytes.get(126..128), Some(b"IM" | b"MI")) {
         parse_matlab(bytes, options)
@@ -274,7 +274,7 @@ fn number(text: &str) -> Option<f64> {
     text.parse().ok().filter(|value: &f64| value.is_finite())
 }
 
-/// Converts moments to N·m.
+/// The divisor that converts moments to N·m.
 pub(super) fn divisor(unit: MomentUnit) -> f64 {
     match unit {
         MomentUnit::NewtonMetre => 1.0,
@@ -402,7 +402,7 @@ mod tests {
             bytes
         }
 
-        /// Elements 1, 2, 3, … column by column.
+        /// A matrix of doubles with the elements 1, 2, 3, … column by column.
         fn matrix(name: &str, rows: i32, columns: i32) -> Vec<u8> {
             let (int32, uint32, int8, double, double_class) = (5, 6, 1, 9, 6_u32);
             let size = [rows.to_le_bytes(), columns.to_le_bytes()].concat();

@@ -19,9 +19,9 @@ pub struct Origin {
     /// Date and time, UTC, RFC 3339.
     pub date: String,
     pub sensor_serial: Option<String>,
-    /// `None` for an imported matrix.
+    /// The solver; `None` for an imported matrix.
     pub solver: Option<SolverRecord>,
-    /// `None` for an imported matrix.
+    /// The quality of the fit; `None` for an imported matrix.
     pub diagnostics: Option<Diagnostics>,
     pub sources: Vec<SourceFile>,
     /// The roles of their columns, if these were specified.
@@ -33,7 +33,7 @@ pub struct Origin {
 pub struct SolverRecord {
     pub name: SolverKind,
     pub ridge: f64,
-    /// Directions with a smaller singular value, as a share of the largest, are omitted.
+    /// Directions with a singular value below this share of the largest are omitted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub truncate: Option<f64>,
 }
@@ -56,11 +56,11 @@ pub struct Diagnostics {
     pub selection: Option<Selection>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub excitation: Option<Excitation>,
-    /// Share of test rows at poses of the training data, if so many that the test cannot assess new
-    /// poses.
+    /// The share of test rows at poses of the training data, if so many that the test cannot assess
+    /// new poses.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub test_leak: Option<f64>,
-    /// Share of training rows whose pose occurs in other groups too, if so many that held-out
+    /// The share of training rows whose pose also occurs in other groups, if so many that held-out
     /// groups cannot assess new poses.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub group_leak: Option<f64>,
@@ -85,13 +85,13 @@ pub struct SourceFile {
 pub enum Role {
     Train,
     Test,
-    /// Wrench for the previous source, row by row.
+    /// The wrench for the previous source, row by row.
     Wrench,
     Matrix,
     Calibration,
 }
 
-/// Replaces characters that are not Unicode, which JSON cannot hold.
+/// Serializes a path. Characters that are not Unicode, which JSON cannot hold, are replaced.
 pub(crate) fn as_unicode<S: Serializer>(path: &Path, serializer: S) -> Result<S::Ok, S::Error> {
     serializer.serialize_str(&path.to_string_lossy())
 }

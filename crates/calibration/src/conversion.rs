@@ -57,8 +57,8 @@ impl Calibration {
         Self { kind, axes: Axes::ALL, covariance: None, valid_range: None, memory: None, lag: None }
     }
 
-    /// Creates a calibration of all six axes from a solution, valid over the ranges of its training
-    /// data, without a covariance.
+    /// Creates a calibration of all six axes from the solution of a solver, valid over the ranges
+    /// of its training data, without a covariance.
     pub fn from_solution(solution: &Solution, ranges: &ReadingRanges) -> Self {
         let c = &solution.coefficients;
         let rows = (0..c.nrows()).map(|j| std::array::from_fn(|axis| c[(j, axis)])).collect();
@@ -94,8 +94,8 @@ impl Calibration {
         self.memory.as_ref().is_some_and(|memory| memory.time_base == TimeBase::Seconds)
     }
 
-    /// Prepares rows for a comparison with converted readings: appends memory terms, and moves the
-    /// wrench to the time of the readings.
+    /// Prepares rows for a comparison with converted readings: appends memory terms to the
+    /// readings, and moves the wrench to the time of the readings.
     ///
     /// # Errors
     /// [`FitError::NoTime`] if the time constants are in seconds and a log has no time.
@@ -165,8 +165,8 @@ impl Calibration {
         flags
     }
 
-    /// Converter of the readings, from their training range, or of 12 bits if that is unknown;
-    /// `full_scale` replaces its highest reading. `None` if readings are not counts.
+    /// Converter of the readings, from their range in the training data, or of 12 bits if that is
+    /// unknown; `full_scale` replaces its highest reading. `None` if readings are not counts.
     pub fn converter(&self, full_scale: Option<f64>) -> Option<Converter> {
         let found = match &self.valid_range {
             None => Some(Converter::new(4095.0)),

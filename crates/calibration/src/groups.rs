@@ -46,7 +46,7 @@ impl std::str::FromStr for HeldOut {
 }
 
 impl From<Option<usize>> for HeldOut {
-    /// Each group alone if there is no number.
+    /// The given number of folds of groups; each group alone if there is no number.
     fn from(folds: Option<usize>) -> Self {
         folds.map_or(Self::Auto, Self::Folds)
     }
@@ -76,14 +76,14 @@ pub enum FoundKind {
 
 const STRETCHES: u64 = 40;
 
-/// Neighbouring loads of shuffled rows have a smaller correlation; in order of time it is far
-/// higher.
+/// Rows are shuffled if the correlation of neighbouring loads is below this; in a recording in
+/// order of time it is far higher.
 pub(crate) const SHUFFLED_BELOW: f64 = 0.3;
 
-/// Most blocks of time of several files.
+/// Maximum number of blocks of time into which the rows of several files are divided.
 const MOST_STRETCHES: u64 = 100;
 
-/// Least length of a block of time, in correlation lengths of the loads.
+/// Minimum length of a block of time, in correlation lengths of the loads.
 const STRETCH_LENGTHS: usize = 8;
 
 /// Number of rows that the check of their order uses.
@@ -194,7 +194,7 @@ fn label_plateaus(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     data.logs.iter().all(may_have).then(|| label_groups(data, HeldOut::Plateaus))?
 }
 
-/// Largest share of the variance of the loads within the groups of a column that are poses.
+/// Groups of a column are poses if at most this share of the variance of the loads is within them.
 const WITHIN_POSES: f64 = 0.1;
 
 /// True for groups of a column in which loads hardly change, or plateaus in all logs.
@@ -213,8 +213,8 @@ fn loads_are_constant_in_groups(data: &Dataset) -> bool {
     })
 }
 
-/// Returns true if a log may have plateaus, by a sample; one of the first rows only cannot rule
-/// them out.
+/// Returns true if a log may have plateaus, judging by a sample of its rows. A sample of the first
+/// rows only cannot rule them out.
 pub fn may_have_plateaus(sample: &Block, is_sampled_at_start: bool) -> bool {
     let mut finder = PlateauFinder::<6>::new(Steps::from_sample(&[], &sample.wrench));
     finder.add(&[], &sample.wrench);
@@ -238,7 +238,7 @@ fn label_by_file(data: &Dataset) -> Dataset {
     data
 }
 
-/// A log without groups becomes one if another log has some.
+/// Finds groups in the rows. A log without groups becomes one group if another log has some.
 fn find(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     let stretches = |log: &LogRows| {
         let steps = Steps::from_sample(&log.sample.time_s, &log.sample.wrench);
@@ -293,8 +293,8 @@ pub(crate) fn stretches_of_files(data: &Dataset) -> Option<(Dataset, Vec<Range<u
     Some((label_found(data, FoundKind::Stretches, lengths).1, files))
 }
 
-/// Returns true if neighbouring loads are uncorrelated on every axis: rows cannot be held out by
-/// time.
+/// Returns true if the rows are not in order of time: neighbouring loads are uncorrelated on every
+/// axis, so rows cannot be held out by time.
 pub(crate) fn rows_are_shuffled(data: &Dataset) -> bool {
     data.rows() > STRETCHES && load_correlation(data, 1) < SHUFFLED_BELOW
 }

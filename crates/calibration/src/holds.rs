@@ -11,11 +11,11 @@ use shell_data::statistics::extremes;
 /// remains when weights are taken off.
 const AT_REST: f64 = 0.03;
 
-/// The numbers of poses and loads do not match.
+/// The error that the number of poses does not match the number of loads.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("found `{holds}` still intervals, `{loaded}` of them loaded, for `{loads}` loads{times}")]
 pub struct HoldMismatch {
-    /// Number of poses.
+    /// Number of poses (blocks of still readings).
     pub holds: usize,
     /// Number of poses that differ from the first.
     pub loaded: usize,
@@ -25,8 +25,8 @@ pub struct HoldMismatch {
     pub times: String,
 }
 
-/// Shares of a channel's range within which successive levels are merged: the plateau finder's, and
-/// wider ones for creep of springs.
+/// Shares of a channel's range within which successive levels are merged. The plateau finder uses
+/// the first; the wider ones allow for creep of springs.
 const SAME: [f64; 3] = [SAME_LEVEL, 0.02, 0.04];
 
 type ReadingHold = Level<MOST_CHANNELS>;

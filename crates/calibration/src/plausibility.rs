@@ -14,8 +14,8 @@ const LARGEST_FORCE: f64 = 1e15;
 /// load. Channels that move together give coefficients that cancel only near the training data.
 const TIMES_LOAD: f64 = 1e12;
 
-/// Largest plausible distance of the centre from the training range, in its widths: dropped
-/// outliers move the centre.
+/// Largest plausible distance of the centre from the training range, in widths of that range:
+/// dropped outliers move the centre.
 const WIDTHS: f64 = 1e3;
 
 /// With more channels, only the corners where all channels but one agree are checked.
@@ -49,8 +49,8 @@ pub enum Implausible {
 }
 
 impl Calibration {
-    /// Checks centres and forces over the training range, if known. `largest_load` is the largest
-    /// training load, N or N·m.
+    /// Checks that centres and forces are plausible over the range of the training data, if that is
+    /// known. `largest_load` is the largest magnitude of the training loads, N or N·m.
     ///
     /// # Errors
     /// The first [`Implausible`].
@@ -60,7 +60,7 @@ impl Calibration {
             for (at, (&centre, range)) in polynomial.scaling().centre.iter().zip(ranges).enumerate()
             {
                 let ReadingRange { min, max } = *range;
-                // At least one count.
+                // The width is at least one count.
                 let reach = WIDTHS * (max - min).max(1.0);
                 if !(min - reach..=max + reach).contains(&centre) {
                     return Err(Implausible::Centre { channel: at + 1, centre, min, max });

@@ -137,8 +137,8 @@ impl Calibration {
     }
 }
 
-/// Reliability of some rows. Masks have bit `i` for channel `i`, and are empty if the model has
-/// none.
+/// Reliability of some rows. Masks have bit `i` for channel `i`; they are empty if the model does
+/// not provide them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Trust {
     /// Standard errors, N and N·m.
@@ -232,7 +232,7 @@ mod tests {
     use least_squares::model::{Basis, Model};
     use least_squares::scaling::Scaling;
 
-    /// The textbook case of one channel, with closed formulas.
+    /// A straight line through one channel: the textbook case, with closed formulas.
     fn line(readings: &[f64]) -> (Calibration, f64, f64) {
         let n = readings.len() as f64;
         let mean = readings.iter().sum::<f64>() / n;

@@ -18,7 +18,7 @@ pub(super) struct ValueRange {
 }
 
 impl ValueRange {
-    /// Its ends are infinite.
+    /// The empty range: its ends are infinite.
     pub(super) const EMPTY: Self = Self { low: f64::INFINITY, high: f64::NEG_INFINITY };
 
     pub(super) fn over(values: impl IntoIterator<Item = f64>) -> Self {
@@ -91,7 +91,7 @@ impl PlotAxis {
         self
     }
 
-    /// 0 at the lower end and 1 at the upper.
+    /// The position of a value, 0 at the lower end and 1 at the upper.
     pub(super) fn position(&self, value: f64) -> f64 {
         let ValueRange { low, high } = self.range;
         match self.spacing {
@@ -100,7 +100,7 @@ impl PlotAxis {
         }
     }
 
-    /// Name and unit, with the power of ten omitted from the labels.
+    /// Name and unit as one text, with the power of ten omitted from the labels.
     pub(super) fn title(&self) -> String {
         let power = self.power_of_ten();
         let factor = if power == 0 { String::new() } else { format!("10{}", superscript(power)) };
@@ -110,8 +110,8 @@ impl PlotAxis {
         }
     }
 
-    /// Ticks that divide the axis into at most `count` parts: multiples of 1, 2 or 5 times a power
-    /// of ten; on a log axis powers of ten.
+    /// Ticks at round values that divide the axis into at most `count` parts: multiples of 1, 2 or
+    /// 5 times a power of ten; on a log axis the powers of ten.
     pub(super) fn ticks(&self, count: usize) -> Vec<Tick> {
         if self.spacing == Spacing::Log {
             return self.log_ticks(count);
@@ -124,7 +124,7 @@ impl PlotAxis {
             .expect("the widest step has one tick at most");
         let power = self.power_of_ten();
         let decimals = (f64::from(power) - step.log10() - 1e-9).ceil().clamp(0.0, 15.0) as usize;
-        // Multiples, not a running sum, so that rounding errors do not accumulate.
+        // Multiples of the step, not a running sum, so that rounding errors do not accumulate.
         let first = ((low - slack) / step).ceil();
         (0..)
             .map(|i| (first + f64::from(i)) * step)

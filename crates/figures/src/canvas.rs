@@ -31,7 +31,7 @@ pub struct Figure {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Size {
-    /// Suits the content.
+    /// A width that suits the content, in CSS pixels.
     #[default]
     Screen,
     Single,
@@ -61,7 +61,7 @@ impl Size {
         length * self.scale() * MM / PIXELS
     }
 
-    /// Letters that have this size on a screen, in units of the drawing.
+    /// The size of letters that have this size on a screen, in units of the drawing.
     pub(super) fn letters(self, size: f64) -> f64 {
         if self == Self::Screen { size } else { size.max(LEAST_PT / LARGEST_PT * LARGEST) }
     }
@@ -191,7 +191,7 @@ impl Rect {
     }
 }
 
-/// The point of a text at its position.
+/// The point of a text that is at the given position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Anchor {
     Start,
@@ -200,7 +200,7 @@ pub(super) enum Anchor {
 }
 
 impl Anchor {
-    /// Start of the text from the position, in widths of the text.
+    /// Offset of the text's start from the position, in widths of the text.
     pub(super) fn start(self) -> f32 {
         match self {
             Self::Start => 0.0,
@@ -215,7 +215,7 @@ pub(super) struct Style {
     pub(super) size: f64,
     pub(super) anchor: Anchor,
     pub(super) bold: bool,
-    /// Rotated by a quarter turn to the left.
+    /// Rotated by a quarter turn to the left, to be read from below.
     pub(super) upright: bool,
 }
 
@@ -227,8 +227,8 @@ impl Style {
     pub(super) const TITLE: Self = Self { size: 13.0, bold: true, ..Self::LABEL };
 }
 
-/// Largest width of a text, in pixels: digits are 0.636 em wide, and running text is narrower on
-/// average.
+/// The maximum width of a text, in pixels: the digits of the font are 0.636 em wide, and running
+/// text is narrower on average.
 pub(super) fn text_width(text: &str, size: f64) -> f64 {
     0.64 * size * text.chars().count() as f64
 }
@@ -302,7 +302,7 @@ impl Figure {
     }
 }
 
-/// Formats to a hundredth of a pixel, as short as possible.
+/// Formats a coordinate to a hundredth of a pixel, as short as possible.
 pub(super) fn number(value: f64) -> String {
     let hundredths = (value * 100.0).round();
     let text = format!("{:.2}", hundredths / 100.0 + 0.0);
@@ -313,7 +313,7 @@ pub(super) fn point(x: f64, y: f64) -> String {
     format!("{} {}", number(x), number(y))
 }
 
-/// A line in path syntax; empty without points.
+/// A line through points, in path syntax; empty without points.
 pub(super) fn polyline(points: impl IntoIterator<Item = (f64, f64)>) -> String {
     let mut path = String::new();
     for (x, y) in points {

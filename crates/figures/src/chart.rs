@@ -79,7 +79,7 @@ pub struct ChannelCurve {
     pub label: String,
     /// Position in m and drag in N.
     pub drag: Vec<(f64, f64)>,
-    /// Position in m and touching beams, averaged over both sides.
+    /// Position in m and number of touching beams, averaged over both sides.
     pub contacts: Vec<(f64, f64)>,
 }
 

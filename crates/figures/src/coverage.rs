@@ -13,8 +13,8 @@ const PITCH: f64 = 224.0;
 const TOP: f64 = 56.0;
 const POINT: f64 = 1.6;
 
-/// Draws training loads and, above them, test loads, N and N·m: four views of the space of loads.
-/// Empty regions were never calibrated.
+/// Draws the loads of training rows and, above them, of test rows, N and N·m: four views of the
+/// space of loads. Empty regions were never calibrated.
 pub fn coverage_figure(train: &[PerAxis<f64>], test: &[PerAxis<f64>]) -> Figure {
     let height = TOP + SIDE + BOTTOM_MARGIN + 8.0;
     let mut canvas = Figure::new(Size::Screen, PITCH * PAIRS.len() as f64, height);

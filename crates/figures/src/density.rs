@@ -6,7 +6,7 @@ use super::canvas::{Figure, Pen, Rect, Style, number, point};
 use super::histogram::{Histogram2d, HistogramCell};
 use super::palette::{self, Colour};
 
-/// Steps of the colour scale: more than the eye can distinguish, but few paths.
+/// Number of steps of the colour scale: more than the eye can distinguish, but few enough paths.
 const LEVELS: usize = 48;
 
 #[derive(Clone, Copy, Debug)]
@@ -15,7 +15,7 @@ pub(super) struct ColourScale {
 }
 
 impl ColourScale {
-    /// The fullest of all cells is lightest.
+    /// The scale on which the fullest of all cells is lightest.
     pub(super) fn for_cells<'a>(cells: impl IntoIterator<Item = &'a HistogramCell>) -> Self {
         Self { most: cells.into_iter().map(|cell| cell.count).max().unwrap_or(1).max(2) }
     }
@@ -56,8 +56,8 @@ pub(super) fn doublings<const X: usize, const Y: usize>(
     (X as f64 / wanted).log2().floor().max(0.0) as u32
 }
 
-/// Draws one path per colour, and one stroke as high as a cell for each run of neighbours, which
-/// takes half the bytes of rectangles.
+/// Draws the cells in the panel: one path per colour, and one stroke as wide as the height of a
+/// cell for each run of neighbours, which takes half the bytes of rectangles.
 pub(super) fn draw_cells(
     canvas: &mut Figure,
     panel: &Panel,
@@ -90,7 +90,7 @@ fn level_colour(level: usize) -> Colour {
     palette::sequential(level as f64 / (LEVELS - 1) as f64)
 }
 
-/// Rows of one load: cells of measured (x) and predicted (y) values.
+/// The rows of one load, from the cells of measured (x) and predicted (y) values that contain them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct LoadPlateau {
     pub(super) measured: f64,
@@ -168,8 +168,8 @@ mod tests {
     use super::super::histogram::Histogram2d;
     use super::*;
 
-    /// Loads of 0, 1, … N with this scatter of the reference, and a known bias and spread of
-    /// predictions.
+    /// Loads of 0, 1, … N, each with this scatter of the reference, and predictions with a known
+    /// bias and spread.
     fn cells(loads: u32, scatter: f64) -> Vec<HistogramCell> {
         let mut histogram = Histogram2d::<256, 256>::default();
         for load in 0..loads {

@@ -18,8 +18,8 @@ pub struct FitPlot {
 #[derive(Clone, Debug, Default)]
 struct AxisPlot {
     agreement: Histogram2d<256, 256>,
-    /// Residual against predicted; finer along the residual, which is shown in part if a few rows
-    /// are far out.
+    /// Residual against predicted. Bins are finer along the residual, as only part of it is shown
+    /// if a few rows are far out.
     residual: Histogram2d<128, 1024>,
     squares: f64,
 }
@@ -45,7 +45,7 @@ impl FitPlot {
         }
     }
 
-    /// Rows with a finite prediction and measurement, for the axis with the fewest.
+    /// Number of rows with a finite prediction and measurement, for the axis with the fewest.
     pub fn rows(&self) -> u64 {
         self.axes.iter().map(|axis| axis.residual.points).min().unwrap_or(0)
     }
@@ -68,13 +68,13 @@ impl AxisPlot {
 // Lengths in CSS pixels. A4 portrait at 96 per inch is 794 by 1123.
 const WIDTH: f64 = 900.0;
 const TOP: f64 = 62.0;
-/// Width of a panel on a screen; the size of cells is chosen for it.
+/// The width of a panel on a screen; the size of cells is chosen for it.
 const PLOT_WIDTH: f64 = 222.0;
 const MARGINS: f64 = 78.0;
 const RESIDUAL_HEIGHT: f64 = 130.0;
 const PROFILE_WIDTH: f64 = 42.0;
 
-/// Height of the two panels of an axis, without the side of the upper one.
+/// The height of the two panels of an axis, without the side of the upper one.
 const BLOCK: f64 = 24.0 + BOTTOM_MARGIN + 14.0 + RESIDUAL_HEIGHT + BOTTOM_MARGIN + 14.0;
 
 /// Draws, for each of `axes`, predicted against measured, residual against predicted, and the
@@ -144,14 +144,14 @@ struct AxisView {
     predicted_range: ValueRange,
     residual_range: ValueRange,
     beyond: u64,
-    /// Distribution of the residuals, and that of other data.
+    /// The distribution of the residuals, and that of other data.
     profile: Vec<(ValueRange, u64)>,
     outline: Vec<(ValueRange, u64)>,
 }
 
 impl AxisView {
-    /// Shows all residuals, unless a few rows far out would flatten the others: then the middle
-    /// 99.8 %, as much again on both sides, and the number of rows beyond.
+    /// Shows all residuals, unless a few rows far out would flatten all others. It then shows the
+    /// middle 99.8 % and as much again on both sides, with the number of rows beyond.
     fn new(axis: Axis, data: &AxisPlot, outlined: Option<&AxisPlot>) -> Self {
         let [measured, predicted] = data.agreement.ranges();
         let merge = doublings(&data.agreement, PLOT_WIDTH);
@@ -240,7 +240,7 @@ fn draw_density(
     panel.draw_frame(canvas);
 }
 
-/// Outline of a distribution at the side of a panel; `None` without values.
+/// The outline of a distribution at the side of a panel; `None` without values.
 fn steps(profile: &[(ValueRange, u64)], panel: &Panel, side: Rect) -> Option<String> {
     let density = |&(range, count): &(ValueRange, u64)| count as f64 / (range.high - range.low);
     let densest = profile.iter().map(density).fold(0.0, f64::max);
@@ -270,7 +270,7 @@ fn core(marginal: &[(ValueRange, u64)], points: u64) -> Option<ValueRange> {
     Some(ValueRange { low, high })
 }
 
-/// Distribution over `shown` in some fifty equal bins: middle and share of the fullest.
+/// The distribution over `shown` in some fifty equal bins: middle and share of the fullest.
 fn profile(marginal: &[(ValueRange, u64)], shown: ValueRange) -> Vec<(ValueRange, u64)> {
     let inside: Vec<_> =
         marginal.iter().filter(|(r, _)| r.high > shown.low && r.low < shown.high).collect();

@@ -16,13 +16,13 @@ pub(super) struct Bins {
     pub(super) count: usize,
 }
 
-/// Smaller indices are exact in `f64`.
+/// The limit below which indices stay exact integers in `f64`.
 const LARGEST_INDEX: f64 = (1u64 << 52) as f64;
-/// Below it a scale factor would leave the range of `f64`.
+/// Below this exponent a scale factor would leave the range of `f64`.
 const SMALLEST_EXPONENT: i32 = -1000;
 
 impl Bins {
-    /// `count` bins about a finite range, at least `2^exponent` wide.
+    /// The window of `count` bins centred on a finite range, with bins at least `2^exponent` wide.
     fn around(exponent: i32, ValueRange { low, high }: ValueRange, count: usize) -> Self {
         // An exponent that is certainly too small, but near enough to try the next few.
         let width = (high / count as f64 - low / count as f64)
@@ -53,13 +53,13 @@ impl Bins {
         offset >= 0.0 && offset < self.count as f64
     }
 
-    /// Returns a function from a value in the window to its bin.
+    /// A function from a value in the window to its bin's position.
     pub(super) fn locator(&self) -> impl Fn(f64) -> usize + use<> {
         let (scale, first) = (2f64.powi(-self.exponent), self.first as f64);
         move |value| ((value * scale).floor() - first) as usize
     }
 
-    /// Position in this window of a bin of `other`, which has equal or finer bins.
+    /// The position in this window of bin `position` of `other`, which has equal or finer bins.
     fn position_of(&self, other: &Self, position: usize) -> usize {
         let index = (other.first + position as i64) >> (self.exponent - other.exponent).min(63);
         (index - self.first) as usize
@@ -71,7 +71,7 @@ impl Bins {
         ValueRange { low, high }
     }
 
-    /// Merges 2^`doublings` bins each, in the narrowest possible window.
+    /// Merges 2^`doublings` bins each, with the narrowest possible window.
     pub(super) fn coarsened(&self, doublings: u32) -> Self {
         let first = self.first >> doublings;
         let last = (self.first + self.count as i64 - 1) >> doublings;
@@ -84,11 +84,11 @@ impl Bins {
 pub(super) struct Grid<C, const N: usize> {
     pub(super) bins: [Bins; N],
     pub(super) ranges: [ValueRange; N],
-    /// The first dimension is fastest.
+    /// In sequence, the first dimension fastest.
     pub(super) cells: Vec<C>,
 }
 
-/// Summary of the points in a cell; the default is empty.
+/// The summary of the points in a cell; the default is empty.
 pub(super) trait Cell: Clone + Default + PartialEq {
     fn absorb(&mut self, later: &Self);
 }
@@ -99,7 +99,7 @@ impl<C: Cell, const N: usize> Grid<C, N> {
         Self { bins, ranges, cells: vec![C::default(); count] }
     }
 
-    /// Extends a grid to cover these finite ranges too, with `counts` bins.
+    /// Extends a grid to cover finite ranges in addition to its own, with `counts` bins.
     pub(super) fn cover(
         grid: &mut Option<Self>,
         ranges: [ValueRange; N],
@@ -125,7 +125,7 @@ impl<C: Cell, const N: usize> Grid<C, N> {
         grid.insert(covering)
     }
 
-    /// Adds a grid of equal or finer cells inside this one's range.
+    /// Adds the cells of a grid with equal or finer cells inside this one's range.
     pub(super) fn absorb(&mut self, finer: &Self) {
         let nothing = C::default();
         for (index, cell) in finer.cells.iter().enumerate().filter(|(_, cell)| **cell != nothing) {
@@ -167,7 +167,7 @@ pub(super) struct HistogramCell {
 }
 
 impl<const X: usize, const Y: usize> Histogram2d<X, Y> {
-    /// Counts the points (`x[i]`, `y[i]`); skips points that are not finite.
+    /// Counts the points (`x[i]`, `y[i]`); points that are not finite are skipped.
     ///
     /// # Panics
     /// If the slices differ in length.
@@ -197,12 +197,12 @@ impl<const X: usize, const Y: usize> Histogram2d<X, Y> {
         }
     }
 
-    /// Smallest and largest x and y; −1 to 1 while empty.
+    /// The smallest and largest x and y; −1 to 1 while empty.
     pub(super) fn ranges(&self) -> [ValueRange; 2] {
         self.grid.as_ref().map_or([ValueRange { low: -1.0, high: 1.0 }; 2], |grid| grid.ranges)
     }
 
-    /// Nonempty cells, row by row, merged 2^`doublings` by 2^`doublings`.
+    /// The nonempty cells, row by row, merged 2^`doublings` by 2^`doublings`.
     pub(super) fn cells(&self, doublings: [u32; 2]) -> Vec<HistogramCell> {
         let Some(grid) = &self.grid else { return Vec::new() };
         let bins = array::from_fn(|i| grid.bins[i].coarsened(doublings[i]));
@@ -215,7 +215,7 @@ impl<const X: usize, const Y: usize> Histogram2d<X, Y> {
         occupied.map(cell).collect()
     }
 
-    /// Counts over y, from the first to the last nonempty bin.
+    /// The counts over y alone: edges of each bin from the first to the last nonempty one.
     pub(super) fn marginal_y(&self) -> Vec<(ValueRange, u64)> {
         let Some(grid) = &self.grid else { return Vec::new() };
         let ([x, y], [_, range]) = (grid.bins, grid.ranges);

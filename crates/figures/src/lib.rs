@@ -55,7 +55,7 @@ pub enum PlotError {
 }
 
 impl Format {
-    /// The format by the extension of `path`, in upper or lower case.
+    /// The format named by the extension of `path`, in upper or lower case.
     ///
     /// # Errors
     /// [`PlotError::UnknownFormat`] if it is not `svg`, `pdf` or `png`.
@@ -71,7 +71,7 @@ impl Format {
 }
 
 impl Figure {
-    /// The content of a file.
+    /// The picture as the content of a file.
     ///
     /// # Errors
     /// [`PlotError::Render`] if the picture is too large to be drawn as pixels.
@@ -84,7 +84,7 @@ impl Figure {
     }
 }
 
-/// Decompresses a built-in asset (Zstandard).
+/// The content of a built-in asset, compressed by Zstandard.
 pub fn decompressed(asset: &[u8]) -> Vec<u8> {
     let mut content = Vec::new();
     let read = StreamingDecoder::new(asset).ok().map(|mut asset| asset.read_to_end(&mut content));

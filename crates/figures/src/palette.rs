@@ -1,6 +1,6 @@
 //! Colours that everyone can distinguish, also in grey print.
 
-/// `0xrrggbb`.
+/// A colour as `0xrrggbb`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Colour(pub(super) u32);
 
@@ -15,11 +15,11 @@ impl Colour {
     }
 }
 
-/// Lines and points in order: the palette of Okabe and Ito ("Color Universal Design", 2008) without
-/// its yellow, too pale on white.
+/// Lines and points, in the order of use: the palette of Okabe and Ito ("Color Universal Design",
+/// 2008), without its yellow, which is too pale on white.
 const SERIES: [u32; 7] = [0x0072b2, 0xd55e00, 0x009e73, 0xcc79a7, 0xe69f00, 0x56b4e9, 0x000000];
 
-/// Colours repeat after the last.
+/// The colour of a series by its number; colours repeat after the last.
 pub(super) const fn series(number: usize) -> Colour {
     Colour(SERIES[number % SERIES.len()])
 }
@@ -27,7 +27,7 @@ pub(super) const fn series(number: usize) -> Colour {
 pub(super) const INK: Colour = Colour(0x222222);
 pub(super) const GRID: Colour = Colour(0xe4e4e4);
 pub(super) const ZERO: Colour = Colour(0x999999);
-/// Time that the robot is partly in a channel.
+/// Background of the time that the robot is partly in a channel.
 pub(super) const PARTLY_INSIDE: Colour = Colour(0xe6e6e6);
 /// Time that it is wholly in: in grey print between the other background and white.
 pub(super) const INSIDE: Colour = Colour(0xfbe9ea);

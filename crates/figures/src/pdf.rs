@@ -18,14 +18,14 @@ use super::palette::{Colour, INK};
 /// Points per CSS pixel: 72 and 96 per inch.
 const POINTS: f64 = 0.75;
 
-/// Distance of a Bézier curve's handles from its ends, for a quarter of a unit circle: 4/3·(√2 −
-/// 1).
+/// Distance of the handles of a Bézier curve from its ends, for a quarter of a circle of radius 1:
+/// 4/3·(√2 − 1).
 const QUARTER: f64 = 0.552_284_75;
 
 /// The names of the fonts on the page, regular and bold.
 const FONTS: [&str; 2] = ["R", "B"];
 
-/// The drawing on white, with the same bytes on every machine.
+/// The drawing on white, as a PDF file, the same bytes on every machine.
 pub(super) fn pdf(figure: &Figure) -> Vec<u8> {
     let mut page = PdfPage { content: String::new(), glyphs: [BTreeMap::new(), BTreeMap::new()] };
     let points = POINTS * figure.size.scale();

@@ -9,7 +9,7 @@ use super::canvas::{Figure, Outline, Pen, Shape, Step};
 use super::lettering;
 use super::palette::{Colour, INK};
 
-/// The drawing on white.
+/// The drawing on white, as a PNG file.
 ///
 /// # Errors
 /// A message, if it is too large.

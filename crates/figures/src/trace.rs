@@ -8,7 +8,7 @@ use super::histogram::{Cell, Grid};
 use super::palette::{self, Colour};
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Slivers of time; at least half of them, more than pixels, cover the log.
+/// Number of slivers of time: at least half of them, more than there are pixels, cover the log.
 const SLIVERS: usize = 2048;
 
 #[derive(Clone, Debug, Default)]
@@ -21,7 +21,7 @@ pub(super) struct TraceCurve {
     slivers: Option<Grid<Option<Sliver>, 1>>,
 }
 
-/// Points of a sliver of time as (time, value).
+/// The summary of the points in one sliver of time, each as (time, value).
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Sliver {
     first: (f64, f64),

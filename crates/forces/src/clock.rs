@@ -2,13 +2,13 @@
 
 use super::RowRule;
 
-/// Rows at the start of a log that determine the period.
+/// Number of rows at the start of a log that determine the period of the grid.
 pub(crate) const CLOCK_ROWS: usize = 50;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Clock {
     pub first_s: f64,
-    /// One over the usual period between rows.
+    /// Slots per second: one over the usual period between rows, Hz.
     pub rate_hz: f64,
 }
 
@@ -31,8 +31,8 @@ pub struct ClockSearch {
 }
 
 impl ClockSearch {
-    /// Takes the times of the next rows, s; ignores those after `CLOCK_ROWS` once a period is
-    /// known.
+    /// Takes the times of the next rows, s. Rows after the first `CLOCK_ROWS` are ignored once a
+    /// period is known.
     pub fn look_at(&mut self, times_s: &[f64]) {
         for &time in times_s {
             if self.is_done() {
@@ -66,7 +66,7 @@ impl ClockSearch {
     }
 }
 
-/// Later slots are clamped, as no valid time is that late.
+/// The largest slot: later ones are clamped, as no valid time is that late.
 const LAST_SLOT: u64 = 1 << 60;
 
 #[derive(Clone, Debug, PartialEq)]
@@ -78,13 +78,13 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// Starts before the first row or, by row, with the first row.
+    /// Starts before the first row; by row, this is the first row of the log.
     pub fn new(clock: Clock, rule: RowRule) -> Self {
         Self { clock, rule, next_row: 0, last_slot: 0 }
     }
 
-    /// Slots of the next rows. A row that is earlier than a previous one, such as a late radio
-    /// frame, shares its slot.
+    /// The slots of the next rows. A row that is earlier than a previous one, such as a radio frame
+    /// that arrived out of order, shares the slot of that one.
     pub fn slots(&mut self, times_s: &[f64]) -> Vec<u64> {
         let slot = |&time: &f64| {
             let slot = match self.rule {

@@ -11,10 +11,10 @@
 use crate::stationary::{QuietLevel, ZeroChange};
 use shell_data::statistics::RunningVariance;
 
-/// Fewest stationary intervals for a trend.
+/// The minimum number of stationary intervals for a trend.
 pub const FEWEST_RESTS: usize = 3;
 
-/// Upper limit of ρ.
+/// The upper limit of the neighbour correlation ρ.
 const MOST_CORRELATED: f64 = 0.95;
 
 /// A line through the zeros, in units of the quantity and of the regressor.

@@ -53,7 +53,7 @@ impl Hint for FilterError {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Butterworth {
     order: usize,
-    /// Attenuates to 1/√2, Hz.
+    /// The frequency of attenuation to 1/√2, Hz.
     cutoff_hz: f64,
     rate_hz: f64,
     sections: Vec<FilterSection>,
@@ -72,7 +72,7 @@ enum FilterSection {
 impl Butterworth {
     pub(crate) const LARGEST_ORDER: usize = 16;
 
-    /// Lowest cutoff, as a share of the rate. An output there depends on some million samples.
+    /// The lowest cutoff, as a share of the rate. An output there depends on some million samples.
     pub(crate) const LOWEST: f64 = 2e-5;
 
     /// Designs a low-pass with `order` poles and its −3.01 dB point at `cutoff_hz`, as
@@ -119,8 +119,8 @@ impl Butterworth {
     pub fn memory(&self, tolerance: f64) -> usize {
         assert!(0.0 < tolerance && tolerance < 1.0, "a tolerance between 0 and 1");
         // The slowest poles, at the angle θ = π/(2·order) from the imaginary axis, decay by a
-        // factor e in 1/(2π·cutoff·sin θ). The loop accounts for the bilinear transform near half
-        // the rate.
+        // factor e in 1/(2π·cutoff·sin θ). Near half the rate the bilinear transform makes them
+        // faster or slower, which the loop accounts for.
         let angle = FRAC_PI_2 / self.order as f64;
         let rate = TAU * self.cutoff_hz / self.rate_hz * angle.sin();
         let piece = (4.0 / rate).ceil() as usize;
@@ -146,7 +146,7 @@ impl Butterworth {
         kept.map_or(0, |last| last + 1)
     }
 
-    /// Length of the continuation at either end; the signal must be longer.
+    /// The length of the continuation at either end; the signal must be longer than that.
     pub(crate) fn zero_phase_reach(&self) -> usize {
         3 * (self.order + 1)
     }
@@ -185,7 +185,7 @@ pub struct Filter {
     sections: Vec<(FilterSection, FilterState)>,
 }
 
-/// Integrators of a section: band-pass (only of a pair) and low-pass.
+/// The two integrators of a section: band-pass (only of a pair) and low-pass.
 #[derive(Clone, Copy, Debug)]
 struct FilterState {
     band: f64,
@@ -193,19 +193,19 @@ struct FilterState {
 }
 
 impl Filter {
-    /// Starts at zero.
+    /// Creates a filter that starts at zero.
     pub fn new(design: &Butterworth) -> Self {
         Self::settled(design, 0.0)
     }
 
-    /// Starts after an endless constant `value`, as `sosfilt_zi` does: further samples of `value`
-    /// give exactly `value`.
+    /// Creates a filter in the state after an endless constant `value`, as `sosfilt_zi` does:
+    /// further samples of `value` give exactly `value`.
     pub fn settled(design: &Butterworth, value: f64) -> Self {
         let state = FilterState { band: 0.0, low: value };
         Self { sections: design.sections.iter().map(|&section| (section, state)).collect() }
     }
 
-    /// Output for one more sample, without changing the state.
+    /// The output for one more sample, without changing the state.
     pub fn peek(&self, sample: f64) -> f64 {
         self.sections.iter().fold(sample, |sample, (section, state)| {
             let (mut state, mut sample) = (*state, [sample]);
@@ -265,7 +265,7 @@ mod tests {
 
     use super::*;
 
-    /// Whole numbers between −50 and 50 without an obvious pattern.
+    /// A signal of whole numbers without an obvious pattern, 200 samples between −50 and 50.
     fn test_signal() -> Vec<f64> {
         (0..200).map(|i| f64::from((i * i * 37 + 11 * i) % 101 - 50)).collect()
     }
@@ -289,7 +289,7 @@ mod tests {
         }
     }
 
-    /// Poles (a1, a2 of each section) of `scipy.signal.butter(order, cutoff, fs=1000,
+    /// Expected: poles (a1, a2 of each section) of `scipy.signal.butter(order, cutoff, fs=1000,
     /// output="sos")`, SciPy 1.17.1, and the product of the sections' gains, its `sos[0, 0]`.
     #[test]
     fn sections_equal_scipy() {
@@ -436,8 +436,8 @@ mod tests {
         }
     }
 
-    /// `scipy.signal.sosfiltfilt` of SciPy 1.17.1, with a cutoff of 10 Hz at 100 Hz, on signals one
-    /// sample longer than their continuation.
+    /// Expected: `scipy.signal.sosfiltfilt` of SciPy 1.17.1 on signals one sample longer than their
+    /// continuation, with a cutoff of 10 Hz at 100 Hz.
     #[test]
     fn the_shortest_signals_are_filtered_as_scipy_does() {
         let cases = [
@@ -511,8 +511,8 @@ mod tests {
         signal
     }
 
-    /// `scipy.signal.sosfilt` of SciPy 1.17.1 on [`test_signal`], at samples 0, 1, 50 and 199: from
-    /// zero, and from `sosfilt_zi(sos) * x[0]`.
+    /// Expected: `scipy.signal.sosfilt` of SciPy 1.17.1 on [`test_signal`], at samples 0, 1, 50 and
+    /// 199: from zero, and from `sosfilt_zi(sos) * x[0]`.
     #[test]
     fn causal_output_equals_scipy() {
         let cases = [
@@ -590,7 +590,7 @@ mod tests {
                     let frequency = share * cutoff;
                     let expected = analytic(order, cutoff, frequency);
                     let found = gain(order as usize, cutoff, frequency, length);
-                    // The rounding error of a sum of thousands of terms grows with the root of
+                    // Thousands of terms sum to one; the rounding error grows with the root of
                     // their number.
                     assert!((found - expected).abs() < 1e-12, "{order} {frequency}: {found}");
                 }

@@ -39,8 +39,8 @@ impl Hint for NoFrameChange {
 }
 
 impl FrameChange {
-    /// A frame at `origin_m`, rotated by three angles, rad, about its x axis, then the new y axis,
-    /// then the new z axis: the tool transform of ATI's sensors.
+    /// Creates a frame at `origin_m`, rotated by three angles, rad, about its x axis, then the
+    /// resulting y axis, then the resulting z axis. This is the tool transform of ATI's sensors.
     pub fn new(origin_m: Vector, angles: Vector) -> Self {
         let about = |axis: usize| {
             let mut vector = [0.0; 3];
@@ -99,7 +99,7 @@ impl FrameChange {
         }
     }
 
-    /// All six axes are needed.
+    /// Returns true if `axes` are sufficient: all six are needed.
     pub fn is_known_from(axes: Axes) -> bool {
         Axis::ALL.into_iter().all(|axis| axes.contains(axis))
     }

@@ -11,12 +11,12 @@ use shell_data::wrench::PerAxis;
 #[derive(Clone, Debug)]
 pub(super) struct LagShift {
     lag: ReferenceLag,
-    /// Received so far, for lags in rows.
+    /// Number of rows received, for lags in rows.
     rows: u64,
     /// Times of the buffered rows, in the unit of the lag, and the known forces of these rows.
     times: Vec<f64>,
     forces: PerAxis<Vec<f64>>,
-    /// First buffered row without an output.
+    /// The first buffered row without an output.
     next: usize,
 }
 
@@ -25,7 +25,7 @@ impl LagShift {
         Self { lag, rows: 0, times: Vec::new(), forces: PerAxis::default(), next: 0 }
     }
 
-    /// Takes the times of the next rows, s, and the next forces; returns the forces of the oldest
+    /// Takes the times of the next rows, s, and the next forces. Returns the forces of the oldest
     /// rows that are now known.
     pub(super) fn push(&mut self, times_s: &[f64], forces: PerAxis<Vec<f64>>) -> PerAxis<Vec<f64>> {
         match self.lag.time_base {
@@ -39,7 +39,7 @@ impl LagShift {
         self.take(forces, false)
     }
 
-    /// Takes the last forces; returns all pending ones.
+    /// Takes the last forces, and returns those of all pending rows.
     pub(super) fn finish(&mut self, forces: PerAxis<Vec<f64>>) -> PerAxis<Vec<f64>> {
         self.take(forces, true)
     }
@@ -110,8 +110,8 @@ impl Between {
         let after = before + 1;
         let [step, rise] = [times, forces].map(|of| of[after] - of[before]);
         let secant = rise / step;
-        // By a parabola through both ends and the neighbour outside, or without it by the straight
-        // line.
+        // Slope at one end of the step, from a parabola through both ends and the neighbour outside
+        // the step; without a neighbour, from the straight line through both ends.
         let slope = |at: usize, other: Option<usize>| {
             let other = other.filter(|&other| other < times.len());
             let far = other.map(|other| (times[other] - times[at], forces[other] - forces[at]));
@@ -123,7 +123,7 @@ impl Between {
             })
         };
         let [start, end] = [slope(before, before.checked_sub(1)), slope(after, Some(after + 1))];
-        // The cubic, as the straight line and its bend.
+        // The cubic, as the straight line and what bends it.
         let bend = (1.0 - share) * (start - secant) - share * (end - secant);
         forces[before] + share * rise + share * (1.0 - share) * step * bend
     }
@@ -157,7 +157,7 @@ mod tests {
             let early = moved(-0.75, TimeBase::Seconds, &times, pieces);
             assert_eq!(early, [1.5, 3.5, 4.5, 7.5, 8.0]);
             let rows = moved(-0.5, TimeBase::Rows, &times, pieces);
-            // Cubics through four rows; straight at both ends.
+            // By row the line bends: cubics through four rows, and straight on at both ends.
             assert_eq!(rows, [1.0625, 2.4375, 4.4375, 7.0625, 8.0]);
         }
     }

@@ -4,16 +4,16 @@ use std::fmt;
 
 use serde::Serialize;
 
-/// The lab's usual tare.
+/// Number of frames of the lab's usual tare.
 pub const DEFAULT_TARE_FRAMES: usize = 50;
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ForceOptions {
     pub tare: TareRule,
-    /// `None` for unfiltered forces.
+    /// The low-pass over the forces; `None` for none.
     pub low_pass: Option<LowPass>,
-    /// Leaves forces unfiltered, instead of failing, if the log's rate is unknown or too low: for a
-    /// default low-pass that the user did not request.
+    /// Leaves forces unfiltered, instead of failing, if the rate of the log is unknown or too low
+    /// for the low-pass. Used for a default low-pass that the user did not request.
     #[serde(skip)]
     pub low_pass_is_optional: bool,
     /// Slots of the low-pass per second, in place of the log's own rate, Hz.
@@ -24,15 +24,15 @@ pub struct ForceOptions {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum TareRule {
-    /// The calibration's own zero.
+    /// No tare: the calibration's own zero.
     #[default]
     Untared,
     /// The first fresh frames of the log ([`RowRule::Rows`]: its first rows).
     First(usize),
     /// The fresh frames between two times, s on the log's clock.
     Between(f64, f64),
-    /// All stationary intervals, with linear interpolation between them or, if `causal`, with the
-    /// zero of the last complete one held.
+    /// All stationary intervals, with the zero interpolated linearly between them. If `causal`, as
+    /// during recording, the zero of the last complete interval is held.
     Rests { causal: bool },
 }
 
@@ -47,8 +47,8 @@ pub struct LowPass {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RowRule {
-    /// A frame at the time on its clock. The filter holds missing rows; means and integrals are
-    /// over time, linear between rows.
+    /// A frame at the time on its clock. Missing rows are held for the filter; means and integrals
+    /// are over time, with linear interpolation between rows.
     #[default]
     Time,
     /// A sample, as in the lab's notebooks: every row is a frame, the filter steps once per row,

@@ -18,14 +18,14 @@ use super::{ForceOptions, LowPass, RowRule, TareFrames, TareResult, TareRule};
 #[derive(Clone, Debug, Default)]
 pub struct ForcePipeline {
     pub(super) rule: RowRule,
-    /// The first one, if it follows the stationary intervals.
+    /// The tare; if it follows the stationary intervals, the first one.
     pub tare: Option<Tare>,
     /// The zeros to subtract in place of the tare's mean, if the tare follows the stationary
     /// intervals.
     pub(super) zeros: Option<StationaryZeros>,
     pub tare_result: Option<TareResult>,
     pub tare_frames: Option<TareFrames>,
-    /// `None` if forces are not filtered.
+    /// The low-pass; `None` if forces are not filtered.
     pub low_pass: Option<AppliedLowPass>,
     pub(super) filter: Option<(Clock, BlockPlan)>,
     /// The lag of the reference, if forces are to be given at their rows' time stamps on its clock.
@@ -53,8 +53,8 @@ impl ForcePipeline {
         }
     }
 
-    /// Tared, unfiltered wrench of every row, N and N·m, with bits that do not depend on other
-    /// rows. Times, s, are used for a tare that follows the stationary intervals.
+    /// The tared, unfiltered wrench of every row, N and N·m. The bits of a row do not depend on
+    /// other rows. Times, s, are used for a tare that follows the stationary intervals.
     pub fn wrench(
         &self,
         calibration: &Calibration,
@@ -100,8 +100,8 @@ impl ForcePipeline {
         }
     }
 
-    /// Starts low-pass and lag with the first row of the log or, by time, with the first
-    /// [needed](super::PipelineSetup::needed_s) row.
+    /// Starts low-pass and lag along `axes`. Begin with the first row of the log or, by time, with
+    /// the first [needed](super::PipelineSetup::needed_s) row.
     pub fn stream(&self, axes: &[Axis]) -> ForceStream {
         let low_pass = self.filter.as_ref().map(|(clock, plan)| {
             let filters = axes.iter().map(|axis| (*axis, SignalFilter::new(plan.clone())));
@@ -112,8 +112,8 @@ impl ForcePipeline {
 }
 
 impl ForceStream {
-    /// Filters the next rows. Returns the forces of the oldest pending rows, as far as they are
-    /// known; a causal low-pass returns all.
+    /// Filters the next rows, at `times_s`. Returns the forces of the oldest pending rows, as far
+    /// as they are now known; a causal low-pass returns them all.
     ///
     /// # Errors
     /// [`FilterError::TooFewSamples`].
@@ -136,7 +136,7 @@ impl ForceStream {
         })
     }
 
-    /// Returns all pending forces.
+    /// The forces of all pending rows.
     ///
     /// # Errors
     /// [`FilterError::TooFewSamples`].
@@ -199,7 +199,7 @@ impl PipelineSetup {
         self.tare.is_done() && (!needs_clock || self.clock.is_done())
     }
 
-    /// Rows needed for the forces between two times, s, if the clock is
+    /// The span of rows needed to compute the forces between two times, s, if the clock is
     /// [known](ClockSearch::is_done).
     ///
     /// # Errors
@@ -213,7 +213,7 @@ impl PipelineSetup {
             return Ok(everything);
         }
         let needed = plan.needed(clock.slot(from_s), clock.slot(to_s));
-        // Rounding loses half a slot, and so does the rounding of the time itself.
+        // Half a slot is lost to rounding, and so is the rounding of the time itself.
         let slack = 1.0 / clock.rate_hz;
         let low =
             if needed.start == 0 { f64::NEG_INFINITY } else { clock.time_s(needed.start) - slack };
@@ -252,7 +252,7 @@ impl PipelineSetup {
 pub enum ForceError {
     #[error("only `{found}` frames to tare on, `{wanted}` wanted")]
     TareFrames { wanted: usize, found: usize },
-    /// Frames read are from `first_s` to `last_s`.
+    /// No frame between the times of the tare; the frames read are from `first_s` to `last_s`.
     #[error(
         "no frame between `{start_s}` and `{end_s}` s to tare on: frames run from `{first_s}` to `{last_s}` s"
     )]

@@ -4,13 +4,13 @@
 const STEPS: f64 = 256.0;
 /// The histogram resolves periods from 2⁻³⁰ s (1 ns) to 2³⁰ s (34 years).
 const DOUBLINGS: i32 = 30;
-/// Length of a gap in the recording, in usual periods.
+/// A period this many times the usual one is a gap in the recording.
 const GAP: f64 = 10.0;
 
 #[derive(Clone, Debug, Default)]
 pub struct Sampling {
     last_s: Option<f64>,
-    /// Number and sum of periods.
+    /// Number and sum of the periods of each step.
     steps: Vec<(u64, f64)>,
     backwards: u64,
 }
@@ -23,7 +23,7 @@ pub struct Rate {
     pub median_hz: f64,
     /// Distance between the 5th and the 95th percentile of the periods, in medians.
     pub spread: f64,
-    /// Periods more than ten times the median.
+    /// Number of periods more than ten times the median.
     pub gaps: u64,
     pub backwards: u64,
 }
@@ -46,7 +46,7 @@ impl Sampling {
         }
     }
 
-    /// `None` if time never advances between frames.
+    /// The rate; `None` if time never advances between frames.
     pub fn rate(&self) -> Option<Rate> {
         let periods: u64 = self.steps.iter().map(|step| step.0).sum();
         let median = self.percentile(periods, 0.5)?;
@@ -64,7 +64,7 @@ impl Sampling {
         })
     }
 
-    /// Mean of the step that contains a percentile: exact for equal periods.
+    /// The mean of the step that contains a percentile: exact if periods are equal.
     fn percentile(&self, periods: u64, share: f64) -> Option<f64> {
         let rank = (share * periods as f64).ceil().max(1.0) as u64;
         let mut passed = 0;

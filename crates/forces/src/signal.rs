@@ -7,8 +7,8 @@
 
 use super::filter::{Butterworth, Filter, FilterError};
 
-/// Difference from a filter over the whole log, as a share of the largest change of the signal: far
-/// below a step of the converter.
+/// The tolerance of an output relative to a filter over the whole log, as a share of the largest
+/// change of the signal: far below a step of the converter.
 const FORGOTTEN: f64 = 1e-12;
 
 #[derive(Clone, Debug, PartialEq)]
@@ -18,7 +18,7 @@ pub(super) struct BlockPlan {
     /// Starts a causal filter at zero at the start of the log, as the lab's `lfilter` did after
     /// taring; otherwise settled at the first value.
     at_rest: bool,
-    /// Slots after which the filter has forgotten the past; a longer gap is a pause.
+    /// Number of slots after which the filter has forgotten the past; a longer gap is a pause.
     memory: u64,
 }
 
@@ -51,14 +51,14 @@ impl BlockPlan {
         start.saturating_sub(self.memory)..end + after
     }
 
-    /// Slots needed for the outputs from `first` to `last`, with enough on either side to detect a
-    /// pause.
+    /// The slots whose rows are needed for the outputs from slot `first` to slot `last`: those that
+    /// the outputs depend on, plus enough on either side to detect a pause.
     pub(super) fn needed(&self, first: u64, last: u64) -> std::ops::Range<u64> {
         let (start, end) = (self.span(self.block(first)).start, self.span(self.block(last)).end);
         start.saturating_sub(self.memory)..end + self.memory + 1
     }
 
-    /// Outputs the rows of a block; the segment holds as much of its span as exists.
+    /// Outputs the rows of a block; the segment holds as much of the block's span as exists.
     fn answer(
         &self,
         segment: &mut Segment,
@@ -76,7 +76,7 @@ impl BlockPlan {
         Ok(())
     }
 
-    /// Causal, with the first input `value` at `slot`.
+    /// A causal filter whose first input is `value` at `slot`.
     fn started(&self, slot: u64, value: f64) -> Filter {
         Filter::settled(&self.design, if self.at_rest && slot == 0 { 0.0 } else { value })
     }
@@ -88,8 +88,8 @@ impl SignalFilter {
     }
 
     /// Takes the next values, at ascending slots, and appends the outputs known so far to
-    /// `answers`, one per value, in order. A causal filter outputs all. The last value of a slot
-    /// counts for later outputs.
+    /// `answers`, one per value, in order. A causal filter outputs them all. If values share a
+    /// slot, the last one counts for later outputs.
     ///
     /// # Errors
     /// Never for a causal filter.
@@ -117,7 +117,7 @@ impl SignalFilter {
         self.close(is_whole_log, answers)
     }
 
-    /// Filters forward and backward once everything that a block depends on is known.
+    /// Filters forward and backward, as soon as everything that a block depends on is known.
     fn push_zero_phase(
         &mut self,
         slot: u64,
@@ -255,7 +255,7 @@ mod tests {
         BlockPlan::new(Butterworth::low_pass(4, 20.0, 1000.0).unwrap(), zero_phase, true)
     }
 
-    /// Some slots are missing and some doubled.
+    /// Slots with some missing and some doubled, and a signal.
     fn rows(count: u64) -> (Vec<u64>, Vec<f64>) {
         let slots: Vec<u64> = (0..count)
             .filter(|i| i % 7 != 3)
@@ -278,7 +278,7 @@ mod tests {
         answers
     }
 
-    /// The whole signal on the grid, where later rows of a slot win.
+    /// The whole signal on the grid, where later rows of a slot win, and the slots of the rows.
     fn spread(slots: &[u64], values: &[f64]) -> Vec<f64> {
         let mut even: Vec<f64> = Vec::new();
         for (&slot, &value) in slots.iter().zip(values) {

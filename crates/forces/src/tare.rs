@@ -11,16 +11,16 @@ use shell_data::wrench::{Axis, AxisValues, PerAxis};
 use super::stationary::{STATIONARY_FRAMES, StationaryFinder, StationaryInterval};
 use super::{DEFAULT_TARE_FRAMES, ForceError, ForcePipeline, RowRule, TareRule};
 
-/// Frames summed at once: fixed, so the mean has the same bits however the log is cut.
+/// Number of frames summed at once: fixed, so the mean has the same bits however the log is cut.
 const CHUNK: usize = 4096;
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct TareSearch {
     rule: TareRule,
     rows: RowRule,
-    /// No later frame can belong to the tare.
+    /// True if no later frame can belong to the tare.
     is_over: bool,
-    /// Frames that are not yet in `mean`, one column per channel.
+    /// Frames found that are not yet in `mean`: counts, one column per channel.
     chunk: Vec<Vec<f64>>,
     mean: Option<Tare>,
     spread: PerAxis<RunningVariance>,
@@ -34,7 +34,7 @@ pub(super) struct TareSearch {
     pub(super) finder: Option<StationaryFinder>,
 }
 
-/// Frames of a tare; if it follows the stationary intervals, of the first.
+/// The frames of a tare; if it follows the stationary intervals, those of the first.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TareFrames {
     pub readings: Vec<Vec<f64>>,
@@ -46,16 +46,16 @@ pub struct TareFrames {
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct TareResult {
     pub frames: usize,
-    /// `None` if the log has no time.
+    /// Time of the first frame, s; `None` if the log has no time.
     pub start_s: Option<f64>,
     pub end_s: Option<f64>,
-    /// Mean, which was subtracted, N and N·m.
+    /// The mean wrench, which was subtracted, N and N·m.
     #[serde(serialize_with = "by_column")]
     pub wrench: AxisValues<f64>,
     /// The standard deviation of the wrench about its mean, N and N·m.
     #[serde(serialize_with = "by_column")]
     pub sd: AxisValues<f64>,
-    /// Stationary intervals, if the tare follows them.
+    /// Number of stationary intervals, if the tare follows them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rests: Option<usize>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -64,7 +64,7 @@ pub struct TareResult {
 
 #[derive(Clone, Copy, Debug)]
 pub struct FirstRows<'a> {
-    /// Empty if the log has no time.
+    /// Time of each row, s; empty if the log has no time.
     pub times_s: &'a [f64],
     pub readings: &'a [Vec<f64>],
     /// True for each row that is a new frame.
@@ -210,7 +210,7 @@ fn extend(span_s: &mut Option<(f64, f64)>, time_s: Option<f64>) {
     }
 }
 
-/// Zero over time, from stationary intervals in order.
+/// The zero as a function of time, from stationary intervals in order.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct StationaryZeros {
     /// Holds the zero of the last complete interval, instead of linear interpolation.
@@ -233,7 +233,7 @@ impl StationaryZeros {
         }
     }
 
-    /// N and N·m; zero without a stationary interval.
+    /// The zero at a time, N and N·m; zero if there was no stationary interval.
     pub(super) fn at(&self, time_s: f64) -> PerAxis<f64> {
         if self.causal {
             let next = self.knots.partition_point(|knot| knot.end_s <= time_s);
@@ -290,7 +290,7 @@ pub fn by_column<T: serde::Serialize, S: serde::Serializer>(
 /// noise are below it.
 const LOADED: f64 = 0.1;
 
-/// Multiple of the calibration error from which a tare wrench is a detectable load.
+/// A tare wrench below this multiple of the calibration error is not a detectable load.
 const ERRORS: f64 = 4.0;
 
 const CONSEQUENCE: &str = "every force of this log is relative to it";
@@ -326,12 +326,12 @@ impl TareResult {
     }
 }
 
-/// Zero of a stream of wrenches, taken on request: the mean of the next [`DEFAULT_TARE_FRAMES`]. It
-/// is applied after tare and low-pass of the pipeline.
+/// The zero of a stream of wrenches, taken on request: the mean of the next [`DEFAULT_TARE_FRAMES`]
+/// wrenches. It is applied after tare and low-pass of the pipeline.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RunningTare {
     pub zero: PerAxis<f64>,
-    /// Number and sum of wrenches.
+    /// Number and sum of the wrenches of a tare in progress.
     pending: Option<(usize, PerAxis<f64>)>,
 }
 
@@ -366,7 +366,7 @@ mod tests {
 
     use super::*;
 
-    /// Fx equals the reading.
+    /// A calibration in which Fx equals the reading.
     fn identity() -> Calibration {
         let model = Model { basis: Basis::Linear, intercept: false, channels: 1, memory: 0 };
         Calibration::new(model, Scaling::identity(1), vec![[1.0, 0.0, 0.0, 0.0, 0.0, 0.0]])

@@ -87,8 +87,8 @@ impl DoubleDouble {
         self.head.is_finite() && self.tail.is_finite()
     }
 
-    /// The square root, by a Newton step from that of the head (Karp's trick). NaN for a negative
-    /// number.
+    /// The square root, by one step of Newton's method from the root of the head (Karp's trick).
+    /// Zero for zero, NaN for a negative number.
     #[inline(always)]
     pub fn sqrt(self) -> Self {
         if self.head <= 0.0 {
@@ -213,8 +213,8 @@ mod tests {
     }
 
     proptest! {
-        // Bounds of the paper: 3u² + 13u³ for the sum, 5u² for the product (u = 2⁻⁵³). Quotient and
-        // root get twice the bound of the product.
+        // Bounds proved in the paper for these algorithms: 3u² + 13u³ for the sum, 5u² for the
+        // product (u = 2⁻⁵³). Quotient and root get twice the bound of the product.
         #[test]
         fn operations_agree_with_exact_rational_arithmetic(a in number(), b in number()) {
             prop_assert!(close(a + b, &(exact(a) + exact(b)), 102));

@@ -96,7 +96,7 @@ impl Features {
     }
 
     /// Computes features and their rounding errors, in the layout of [`Features::fill`]. Returns
-    /// true if any error is nonzero.
+    /// true if any rounding error is nonzero.
     pub(super) fn fill_wide(
         &self,
         readings: &[Vec<f64>],
@@ -199,7 +199,7 @@ pub(crate) fn recipe(terms: &[Term]) -> Vec<Recipe> {
 }
 
 vectorised! {
-    /// Columns have heads and tails.
+    /// Multiplies two columns, each of heads and tails.
     fn fill_product(
         x: (&[f64], &[f64]),
         y: (&[f64], &[f64]),

@@ -33,7 +33,7 @@ pub struct Run {
     pub rows: u32,
 }
 
-/// Number of a block, of a group, or of a row in a block.
+/// Converts the number of a block, of a group, or of a row in a block.
 ///
 /// # Panics
 /// If it is 2³² or more.
@@ -42,8 +42,8 @@ fn index(at: usize) -> u32 {
 }
 
 impl GroupedRows {
-    /// Groups the rows by label. Also returns the labels of the groups in the order of their first
-    /// rows.
+    /// Groups the rows by the labels of a data set. Also returns the labels of groups 0, 1, … in
+    /// the order of their first rows.
     pub fn from_labels(data: &Dataset) -> (Self, Vec<String>) {
         let (mut labels, mut positions) = (Vec::<String>::new(), HashMap::new());
         let mut rows = Self::default();
@@ -120,8 +120,8 @@ impl GroupedRows {
         &self.runs[before(group)..before(group + 1)]
     }
 
-    /// A column over some runs: positions 0 to 5 are the axes in N and N·m, then the readings in
-    /// counts.
+    /// A column over some runs. Positions 0 to 5 are the axes in N and N·m, then follow the
+    /// readings in counts.
     pub fn column(&self, runs: &[Run], position: usize) -> impl Iterator<Item = f64> {
         runs.iter().flat_map(move |run| self.of_run(run, position).iter().copied())
     }

@@ -3,8 +3,8 @@
 //! most 1.6 %, and much smaller for dense numbers. Histograms merge in any order to the same
 //! result.
 
-/// A histogram of up to 2³² magnitudes: `2^BITS` bins per factor of two, over `OCTAVES` of them.
-/// Zero and tiny numbers share the lowest bin.
+/// A histogram of up to 2³² magnitudes: `2^BITS` bins per factor of two, over `OCTAVES` factors of
+/// two. Zero and tiny numbers share the lowest bin.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Histogram<const BITS: u32, const OCTAVES: u64> {
     counts: Vec<u32>,
@@ -16,7 +16,7 @@ pub type Magnitudes = Histogram<6, 24>;
 /// For the scale of a robust fit: quantiles to 0.4 %, even if outliers made the unit large.
 pub type FineMagnitudes = Histogram<8, 48>;
 
-/// Larger powers of two share the last bin.
+/// The power of two from which on numbers share the last bin.
 const TOP: u64 = 8;
 
 impl<const BITS: u32, const OCTAVES: u64> Default for Histogram<BITS, OCTAVES> {

@@ -195,8 +195,8 @@ impl Model {
         features + self.memory * n + usize::from(self.intercept)
     }
 
-    /// The displayed name of a term: [`Term::name`], or for a memory term of time constant 3
-    /// `s2-EMA3(s2)`.
+    /// The displayed name of a term: that of [`Term::name`], or for a memory term `s2-EMA3(s2)`,
+    /// where 3 is the number of the time constant.
     pub fn term_name(&self, term: &Term) -> String {
         match term.factors() {
             &[column] if usize::from(column) >= self.channels => {

@@ -21,7 +21,7 @@ pub struct Workers<'a> {
     /// Called with the number of rows that a pass has just handled; returns false to cancel.
     pub watch: Option<&'a (dyn Fn(usize) -> bool + Sync)>,
     /// Called with the number of completed folds of the physics model, or splits of a replay, and
-    /// the total.
+    /// their total number.
     pub folds: Option<&'a (dyn Fn(usize, usize) + Sync)>,
     /// Called at the start of each stage of a fit, with its name.
     pub stages: Option<&'a (dyn Fn(&'static str) + Sync)>,
@@ -40,7 +40,7 @@ impl Workers<'_> {
         }
     }
 
-    /// Uses one thread if the blocks are too small for more.
+    /// Reduces the number of threads to one if the blocks are too small for more.
     fn worth<'b>(self, blocks: impl Iterator<Item = &'b Block>) -> Self {
         let numbers = blocks.map(|block| block.rows * (block.readings.len() + 6)).sum::<usize>();
         let threads = if self.threads == 0 && numbers < WORTH_A_THREAD { 1 } else { self.threads };
@@ -57,11 +57,11 @@ impl std::fmt::Debug for Workers<'_> {
     }
 }
 
-/// Determined once, because the system reads several files for it.
+/// The number of cores. Determined once, because the system reads several files for it.
 static AVAILABLE_THREADS: LazyLock<usize> =
     LazyLock::new(|| std::thread::available_parallelism().map_or(1, usize::from));
 
-/// Values that one thread handles in the time that starting another takes.
+/// The number of values that one thread handles in the time that starting another thread takes.
 const WORTH_A_THREAD: usize = 1 << 16;
 
 /// Blocks that can be passed over repeatedly, always in the same order.
@@ -82,8 +82,8 @@ impl<'a> Rows<'a> {
         Self { blocks: blocks.into_iter().collect(), workers }
     }
 
-    /// Reduces every block from `empty` and merges the results, in block order if the order
-    /// matters.
+    /// Reduces every block and merges the results, in block order if the order matters. Every
+    /// reduction starts from `empty`, the result for zero rows.
     ///
     /// # Errors
     /// [`FitError`] if the pass rejects a block, or [`Workers::watch`] cancels it.
@@ -135,8 +135,8 @@ impl<'a> From<&'a Block> for Rows<'a> {
 
 /// The result of a pass over rows. It starts as the result for zero rows.
 pub trait Pass: Clone + Send + Sync {
-    /// True if `merge` is commutative and associative, bit for bit, whatever the order and grouping
-    /// of rows.
+    /// True if `merge` is commutative and associative, bit for bit, so that the result does not
+    /// depend on the order and grouping of the rows.
     const ANY_ORDER: bool = false;
 
     /// Rows to reduce together if the order matters: a merge may cost as much as adding that many.
@@ -220,7 +220,7 @@ pub fn on_threads<I: Sync, S: Send, T: Send>(
     fold: impl FnMut(T) -> Result<(), FitError> + Send,
 ) -> Result<Vec<S>, FitError> {
     let threads = match workers.threads {
-        // A browser has no other threads; with a constant condition, the code that starts them is
+        // A browser has no other threads. With the constant condition, the code that starts them is
         // not compiled.
         _ if cfg!(target_family = "wasm") => 1,
         0 => *AVAILABLE_THREADS,
@@ -238,7 +238,7 @@ pub fn on_threads<I: Sync, S: Send, T: Send>(
                 let goes_on = workers.watch.is_none_or(|watch| watch(rows_of(item)));
                 if goes_on { Ok(value) } else { Err(FitError::Interrupted) }
             });
-            // A poisoned lock means that a thread panicked; that panic is propagated.
+            // A poisoned lock means that a thread has panicked; that panic is propagated.
             if !lock(&folded).add(position, result) {
                 return state;
             }
@@ -259,7 +259,7 @@ pub fn on_threads<I: Sync, S: Send, T: Send>(
     Ok(states)
 }
 
-/// Folds results, which arrive in any order, in order.
+/// Folds results in order that arrive in any order.
 struct OrderedFold<T, F> {
     next: usize,
     /// The results from there on; `None` for those still missing.
@@ -269,7 +269,7 @@ struct OrderedFold<T, F> {
 }
 
 impl<T, F: FnMut(T) -> Result<(), FitError>> OrderedFold<T, F> {
-    /// Returns false if no further results are needed.
+    /// Adds the result of the item at a position; `false` if no further results are needed.
     fn add(&mut self, position: usize, result: Result<T, FitError>) -> bool {
         let ahead = position - self.next;
         while self.waiting.len() <= ahead {

@@ -76,8 +76,8 @@ impl Polynomial {
         raw.into_iter().map(|row| row.map(DoubleDouble::to_f64)).collect()
     }
 
-    /// Computes the wrench of the first `rows` rows, with fused multiply-adds: the same bits on any
-    /// machine.
+    /// Computes the wrench of the first `rows` rows. The sum over features uses fused
+    /// multiply-adds, so the bits are the same on any machine.
     pub fn wrench(&self, readings: &[Vec<f64>], rows: usize, wrench: &mut PerAxis<Vec<f64>>) {
         wrench.iter_mut().for_each(|axis| axis.resize(rows, 0.0));
         convert(self, readings, rows, wrench);
@@ -104,8 +104,8 @@ vectorised! {
         for start in (0..rows).step_by(LANES) {
             polynomial.features.lanes(readings, start, &mut features);
             let mut sums = [[0.0; LANES]; 6];
-            // Two vectors of rows at a time: their twelve sums fit in registers and hide the
-            // latency of additions.
+            // Two vectors of rows at a time. Their twelve sums fit in registers and are enough to
+            // hide the latency of additions.
             for vector in (0..LANES / S::F64_LANES).step_by(2) {
                 let mut vectors = [[simd.splat_f64s(0.0); 2]; 6];
                 for (feature, coefficients) in features.iter().zip(&polynomial.coefficients) {

@@ -21,8 +21,8 @@ pub struct AxisQuality {
     pub max: Option<f64>,
     /// Mean error, predicted minus measured.
     pub bias: f64,
-    /// Coefficient of determination, 1 − Σ error² / Σ (measured − mean)²; absent for a constant
-    /// wrench.
+    /// Coefficient of determination, 1 − Σ error² / Σ (measured − mean)²; absent if the measured
+    /// wrench is constant.
     pub r_squared: Option<f64>,
 }
 

@@ -9,8 +9,8 @@ pub struct RandomSplit {
     /// Number of folds that all rows are assigned to.
     #[serde(rename = "random_folds")]
     pub folds: usize,
-    /// Folds that are held out. From some thousand rows, two of ten determine an error to 1 %, at a
-    /// fifth of the work.
+    /// Number of folds that are summed, to be held out. From some thousand rows, two of ten folds
+    /// determine an error to 1 %, at a fifth of the work.
     #[serde(rename = "held_out_folds")]
     pub held_out: usize,
     /// The seed of the assignment.

@@ -43,8 +43,8 @@ pub enum Dependence {
 pub struct Relation {
     /// The feature.
     pub feature: Term,
-    /// The features whose sum it is, with coefficients in counts, simplest features first. Empty,
-    /// and not [`Self::exact`], if the coefficients are not fractions of moderate size.
+    /// The features whose sum it is, with their coefficients in counts, simplest features first.
+    /// Empty, and not [`Self::exact`], if the coefficients are not fractions of moderate size.
     pub shares: Vec<(Term, f64)>,
     /// True if the relation was found and checked in exact integers.
     pub exact: bool,
@@ -65,7 +65,7 @@ pub struct RankLoss {
 /// times smaller; one count in a 16-bit reading is a billion times larger.
 const SAME_LINE: f64 = 1e-13;
 
-/// Smaller coefficients of a combination are rounding errors.
+/// Coefficients of a combination below this are rounding errors and omitted.
 const NEGLIGIBLE_SHARE: f64 = 1e-6;
 
 impl RankLoss {
@@ -106,7 +106,7 @@ impl RankLoss {
     }
 }
 
-/// One channel of each pair is a linear function of the other.
+/// Pairs of channels in which one is a linear function of the other.
 fn lines(features: &Features, r: MatRef<'_, f64>, channels: &[usize]) -> Vec<Dependence> {
     let column_of = |wanted: Recipe| features.recipe().iter().position(|&recipe| recipe == wanted);
     let constant = column_of(Recipe::One).map(|j| r.col(j));
@@ -149,8 +149,8 @@ fn line(
     (distance <= SAME_LINE * y.norm_l2()).then_some((slope, y_mean - slope * x_mean))
 }
 
-/// Basis of the same space in which each direction has a feature that no other has: Gauss–Jordan
-/// elimination on columns, with the largest remaining element as the pivot.
+/// A basis of the same space in which each direction has a feature that no other direction has:
+/// Gauss–Jordan elimination on columns, with the largest remaining element as the pivot.
 fn echelon(mut v: Mat<f64>) -> Mat<f64> {
     for k in 0..v.ncols() {
         let pivots = (k..v.ncols()).flat_map(|j| (0..v.nrows()).map(move |i| (i, j)));
@@ -227,7 +227,7 @@ impl Relation {
 
 impl fmt::Display for Relation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        /// Longer sums are truncated.
+        /// Number of terms to show; longer sums are truncated.
         const SHOWN: usize = 8;
         let name = self.feature.name();
         if !self.exact {
@@ -292,7 +292,7 @@ impl fmt::Display for RankLoss {
 
 impl fmt::Display for Dependence {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        /// More names do not help to find the cause.
+        /// Number of names to show; more do not help to find the cause.
         const NAMES: usize = 6;
         match self {
             Dependence::Constant { channel, value } => {

@@ -34,7 +34,7 @@ use shell_data::wrench::PerAxis;
 /// `u_g` or `v_g` for each axis.
 type Scores = PerAxis<Vec<f64>>;
 
-/// A group alone determines a direction with an eigenvalue of `K_g` this close to one.
+/// A group alone determines a direction if an eigenvalue of its `K_g` is this close to one.
 const ALONE: f64 = 1e-8;
 
 /// The largest deviation of the sum of all `K_g` from the identity.
@@ -45,8 +45,8 @@ const LARGEST_DEFECT: f64 = 1e-4;
 pub struct GroupScatter {
     /// Number of groups with rows.
     pub groups: usize,
-    /// For each axis an upper triangular `T`, `T·Tᵀ = cov(C)`, for features of scaled readings, in
-    /// N and N·m.
+    /// For each axis an upper triangular `T`, `T·Tᵀ = cov(C)`. Rows are features of centred and
+    /// scaled readings, in N and N·m.
     pub factors: PerAxis<Mat<f64>>,
     /// `Σ e_gᵀ(I − H_g)⁻¹e_g`, in products of N and N·m.
     pub residual_products: PerAxis<PerAxis<f64>>,
@@ -69,13 +69,13 @@ pub(crate) struct ScatterSums {
     /// `v_g` of every group that does not determine a direction alone.
     scores: PerAxis<Vec<Vec<f64>>>,
     products: PerAxis<PerAxis<f64>>,
-    /// The identity minus all `K_g`, if they must add up to it.
+    /// The identity minus all `K_g`, if the `K_g` must add up to it.
     pub(crate) defect: Option<SymmetricMatrix>,
-    /// Groups that determine a direction alone.
+    /// The labels of the groups that determine a direction alone.
     alone: Vec<String>,
     common: PerAxis<f64>,
     squares: PerAxis<f64>,
-    /// Per coefficient with requested degrees of freedom.
+    /// For each coefficient whose degrees of freedom are requested.
     moments: Vec<Moments>,
 }
 
@@ -112,7 +112,7 @@ impl ScatterSums {
         }
     }
 
-    /// `part` is `None` if the group determines a direction alone.
+    /// Adds a group with its part, or `None` if it determines a direction alone.
     pub(crate) fn add(&mut self, label: &str, part: Option<Part>, errors: &PerAxis<HeldOutErrors>) {
         self.groups += 1;
         let Some(Part { scores: score, influences }) = part else {
@@ -132,10 +132,10 @@ impl ScatterSums {
         }
     }
 
-    /// The scatter, after all groups, in units that `F` determines.
+    /// The scatter, after all groups. The units of `F` determine the units of the covariance.
     ///
     /// # Errors
-    /// [`FitError`] if a group alone determines a coefficient, or the features are too nearly
+    /// [`FitError`] if one group alone determines a coefficient, or the features are too nearly
     /// dependent.
     pub(crate) fn finish(self, factor: &UpperTriangle) -> Result<GroupScatter, FitError> {
         let features = factor.size();

@@ -22,7 +22,7 @@ use crate::symmetric::{SymmetricMatrix, UpperTriangle, add_multiple, product};
 const MOST_FEATURES: usize = 200;
 
 /// `y = Fᵀx` for each coefficient. Empty if the degrees of freedom are not defined: a ridge biases
-/// the coefficients, and a dropped direction leaves some undetermined.
+/// the coefficients, and a dropped direction leaves some of them undetermined.
 pub(crate) fn coefficients(solution: &Solution) -> Vec<Vec<f64>> {
     let factor = UpperTriangle::new(&solution.factor);
     let features = factor.size();
@@ -33,7 +33,7 @@ pub(crate) fn coefficients(solution: &Solution) -> Vec<Vec<f64>> {
     (0..features).map(row).collect()
 }
 
-/// A group's part in the variance of a coefficient.
+/// The part that a group has in the variance of a coefficient.
 pub(crate) struct Influence {
     /// `d_g`.
     pub(crate) own: f64,

@@ -56,8 +56,8 @@ impl ChannelSample {
         Self { min, max, mean, integers: column.iter().all(|s| s.fract() == 0.0) }
     }
 
-    /// Mean, rounded to an integer or, for decimals within a few counts, to a power-of-two share of
-    /// their range, which keeps the subtraction exact.
+    /// The mean, rounded to an integer. If readings have decimals and stay within a few counts, it
+    /// is rounded to a power-of-two fraction of their range, which keeps the subtraction exact.
     fn rounded_mean(&self) -> f64 {
         let Self { min, max, mean, integers } = *self;
         if min > max {
@@ -74,7 +74,7 @@ impl ChannelSample {
     }
 }
 
-/// 1 for zero and if there is none.
+/// The smallest power of two not below `value`; 1 for zero and if there is none.
 fn power_of_two_above(value: f64) -> f64 {
     if !value.is_normal() {
         return 1.0;

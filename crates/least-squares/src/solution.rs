@@ -11,8 +11,8 @@ use crate::symmetric::{SymmetricMatrix, UpperTriangle, add_multiple, product};
 use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
 
-/// Coefficients with their covariance factors and diagnostics; features in the order of
-/// [`Model::terms`].
+/// Coefficients with their covariance factors and diagnostics. Rows and columns of features are in
+/// the order of [`Model::terms`]; axes are in the order of [`shell_data::wrench::Axis::ALL`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solution {
     /// The features.

@@ -156,7 +156,7 @@ pub fn fit_by(
 struct FeatureRows<'a> {
     rows: &'a Rows<'a>,
     features: &'a Features,
-    /// Known after the first pass.
+    /// The ranges of all rows, known after the first pass.
     ranges: Option<ReadingRanges>,
 }
 
@@ -177,14 +177,14 @@ impl methods::RowSource for FeatureRows<'_> {
     }
 }
 
-/// Multiplies rows by the square roots of their weights.
+/// Multiplies rows by the square roots of their weights, which weights their squares.
 fn scale_rows(columns: &mut [f64], stride: usize, weights: &[f64]) {
     for column in columns.chunks_mut(stride) {
         column.iter_mut().zip(weights).for_each(|(x, weight)| *x *= weight.sqrt());
     }
 }
 
-/// Features as a pass over blocks, with the ranges of the readings.
+/// A reduction of features as a pass over blocks. It also determines the ranges of the readings.
 #[derive(Clone)]
 struct OverFeatures<'a, R> {
     features: &'a Features,

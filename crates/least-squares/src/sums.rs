@@ -44,7 +44,7 @@ pub enum RowSums {
     Factored(FactoredRows),
 }
 
-/// Exactly one field is present.
+/// The fields of a document; exactly one is present.
 #[derive(Deserialize)]
 struct SumsDocument {
     moments: Option<ExactSums>,
@@ -169,7 +169,7 @@ pub enum GroupedSums {
     /// R factors.
     Factored(FactoredGroups),
     /// The rows with their labels, for Huber's estimator: the weight of a row depends on the fit,
-    /// so sums of clipped rows do not apply to a fit without a group.
+    /// so sums of rows that one fit has clipped do not apply to a fit without a group.
     Rows(Block),
 }
 
@@ -231,8 +231,8 @@ impl GroupedSums {
     /// each from a fit without it.
     ///
     /// # Errors
-    /// [`FitError`] if there are too few groups, or no fold leaves enough rows;
-    /// [`FitError::NoGroupSums`] if the rows were kept.
+    /// [`FitError`] if there are too few groups, or no fold leaves enough rows to fit;
+    /// [`FitError::NoGroupSums`] if the rows themselves were kept.
     pub fn cross_validate(
         &self,
         model: &Model,
@@ -247,12 +247,12 @@ impl GroupedSums {
     }
 
     /// Compares all families of features within those kept by their errors on folds of groups, each
-    /// with `ridges` and, if the largest is best, larger ones. R factors give no advice: computing
-    /// the errors on each fold twice is too expensive.
+    /// with `ridges` and, if the largest is best, larger ones. R factors give no advice, because
+    /// computing the errors on each fold twice is too expensive.
     ///
     /// # Errors
     /// [`FitError`] if there are too few groups, or no model can be fitted;
-    /// [`FitError::NoGroupSums`] if the rows were kept.
+    /// [`FitError::NoGroupSums`] if the rows themselves were kept.
     pub fn select(
         &self,
         intercept: bool,
@@ -269,9 +269,9 @@ impl GroupedSums {
         }
     }
 
-    /// A comparison of `model` with the smaller models within it; `None` without any, if `model`
-    /// cannot be fitted without one of the folds, or if the comparison would take as long as the
-    /// fit.
+    /// A comparison of `model` with the smaller models within it; `None` if there are none, if
+    /// `model` cannot be fitted without one of the folds, or if the comparison would take as long
+    /// as the fit.
     ///
     /// # Errors
     /// As [`select`](Self::select).

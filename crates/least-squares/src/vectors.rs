@@ -6,7 +6,7 @@ use faer::{Accum, MatMut, MatRef, Par};
 
 use shell_data::vectorised;
 
-/// Enough parallel sums to hide the latency of one addition.
+/// Number of parallel sums: enough to hide the latency of one addition.
 const LANES: usize = 16;
 
 vectorised! {
@@ -32,7 +32,7 @@ vectorised! {
     }
 }
 
-/// Replaces `to`, or adds to it.
+/// Computes the lower triangle of `M·Mᵀ`, which replaces the content of `to` or is added to it.
 pub(crate) fn lower_product(to: MatMut<'_, f64>, add: Accum, m: MatRef<'_, f64>) {
     use BlockStructure::{Rectangular, TriangularLower};
     matmul(to, TriangularLower, add, m, Rectangular, m.transpose(), Rectangular, 1.0, Par::Seq);

@@ -25,10 +25,10 @@ const SCRIPT: &str = include_str!("../assets/report.js");
 const PLOTLY: &[u8] = include_bytes!("../assets/plotly-cartesian.min.js.zst");
 const PLOTLY_LICENCE: &str = include_str!("../assets/plotly-LICENSE.txt");
 
-/// A report should stay readable, and below 10 MB.
+/// The maximum number of traces: a report should stay readable, and below 10 MB.
 const MOST_TRACES: usize = 100;
 
-/// Times are in s on each log's clock, all else in SI units.
+/// The content of a report. Times are in s on each log's clock, all else in SI units.
 #[derive(Clone, Debug)]
 pub struct Report<'a> {
     pub heading: Heading<'a>,
@@ -39,9 +39,9 @@ pub struct Report<'a> {
     pub failed: &'a [(String, String)],
     pub conditions: &'a [ConditionRow],
     pub phases: &'a [(String, PhaseProfile)],
-    /// Name and value.
+    /// The settings of the evaluation: name and value.
     pub settings: &'a [(String, String)],
-    /// Name and content; `None` for logs without sensors.
+    /// The name and the content of the calibration file; `None` for logs without sensors.
     pub calibration: Option<(&'a str, &'a CalibrationFile)>,
     /// Length of the robot, m, if known; used to shade entry and exit.
     pub robot_length_m: Option<f64>,
@@ -66,14 +66,14 @@ pub struct Input {
 pub struct OutlierTable {
     pub rows: Vec<OutlierRow>,
     pub count: usize,
-    /// Omitted from the evaluation.
+    /// True if they were omitted from the evaluation.
     pub left_out: bool,
 }
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct OutlierRow {
     pub file: String,
-    /// Line, or row of a table.
+    /// The line, or the row of a table.
     pub line: u64,
     pub what: String,
 }

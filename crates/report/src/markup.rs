@@ -43,7 +43,7 @@ impl Column {
         Self::new(name, "text", cells)
     }
 
-    /// Texts may wrap.
+    /// A column of texts that may wrap.
     pub(super) fn long(name: &str, cells: impl IntoIterator<Item: ToString>) -> Self {
         Self::new(name, "text long", cells)
     }
@@ -52,7 +52,7 @@ impl Column {
         Self::new(name, "", cells)
     }
 
-    /// Numbers in four significant digits.
+    /// A column of numbers in four significant digits.
     pub(super) fn figures(name: &str, values: impl IntoIterator<Item: Into<Option<f64>>>) -> Self {
         Self::numbers(name, values.into_iter().map(figure))
     }
@@ -108,9 +108,9 @@ pub(super) fn plot_figure(id: &str, class: &str, alt: &str, caption: &str) -> St
 /// White on any page, with a scroll box if it is wider than the page.
 pub(super) fn drawing(id: &str, svg: &str, alt: &str, caption: &str) -> String {
     let (alt, caption) = (escape(alt), escape(caption));
-    // The root element gets the alternative text; HTML allows no XML declaration.
+    // The root element gets the alternative text; HTML does not allow an XML declaration.
     let svg = svg.find("<svg").map_or(svg, |start| &svg[start..]);
-    // Unique names of clip paths: a page may have several drawings.
+    // Make the names of clip paths unique, as one page may have several drawings.
     let svg = svg.replace("id=\"clip", &format!("id=\"{id}-clip"));
     let svg = svg.replace("url(#clip", &format!("url(#{id}-clip"));
     let svg = svg.replacen("<svg", &format!("<svg role=\"img\" aria-label=\"{alt}\""), 1);
@@ -134,7 +134,7 @@ pub struct Heading<'a> {
     pub title: &'a str,
     pub made_by: &'a str,
     pub date: &'a str,
-    /// Command line that reproduces the report.
+    /// The command line that reproduces the report.
     pub command: &'a str,
 }
 
@@ -144,12 +144,12 @@ impl Heading<'_> {
     }
 }
 
-/// Anchor, heading, and HTML, which is empty for an omitted section.
+/// A section of a report: its anchor, its heading, and HTML, which is empty for an omitted section.
 pub(super) type PageSection = (&'static str, &'static str, String);
 
-/// Content of a file with `subtitle` below its title. `script` holds the script elements and a
-/// fallback for pages without scripts. A content security policy forbids everything that the file
-/// does not contain.
+/// The content of a file with the text `subtitle` below its title. `script` contains the script
+/// elements and a fallback for pages without scripts. The file needs no network, and a content
+/// security policy forbids everything that it does not contain.
 pub(super) fn page(
     heading: Heading<'_>,
     subtitle: &str,

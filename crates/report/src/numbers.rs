@@ -16,7 +16,7 @@ pub(super) struct Plots {
     pub(super) effects: Vec<Plot>,
     pub(super) boxes: Vec<Plot>,
     pub(super) phases: Vec<Plot>,
-    /// `null` without a trace.
+    /// The numbers of each trial, `null` without a trace.
     pub(super) trials: Vec<Value>,
 }
 
@@ -59,8 +59,8 @@ impl Plots {
     }
 }
 
-/// Means, or differences from the reference, with confidence intervals: of drag energy or, without
-/// it, the first quantity available.
+/// Means with confidence intervals, of the conditions or of their differences from the reference.
+/// The quantity is drag energy or, without it, the first one available.
 fn effect(report: &Report<'_>) -> Option<Plot> {
     let mut found = Quantity::COMPARED.into_iter().map(|of| (of, report.of(of, Per::Trial)));
     let (quantity, rows) = found.find(|(_, rows)| !rows.is_empty())?;
@@ -140,7 +140,7 @@ fn boxes(report: &Report<'_>) -> Vec<Plot> {
     plots.filter_map(plot).collect()
 }
 
-/// Values behind a box, with labels.
+/// The values behind a box, and the label of each.
 fn values<'a>(
     trials: &'a [TrialResult],
     condition: &str,

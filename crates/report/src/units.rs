@@ -35,8 +35,8 @@ impl ColumnUnit {
         }
     }
 
-    /// A value and its interval, `12.3 ± 0.4`, or `12.3 +0.5 −0.3` if the sides differ: the
-    /// interval with two digits, the value with as many decimals.
+    /// A value and its interval, `12.3 ± 0.4`, or `12.3 +0.5 −0.3` if the sides differ. The
+    /// interval has two digits, and the value the same number of decimals.
     pub(super) fn estimate(&self, value: Option<f64>, interval: Option<Interval>) -> String {
         let value = value.map(|value| value * self.factor);
         let Some((value, interval)) = value.zip(interval) else { return significant(value, 3) };

@@ -59,8 +59,8 @@ impl PhysicsCalibration {
         Self::fit_sample(rows, ObservationSample::from_rows(rows)?, None, workers)
     }
 
-    /// Like [`fit`](Self::fit), on a sample of the observations. Holds out `folds` of groups, if
-    /// given.
+    /// Like [`fit`](Self::fit), on a sample of the observations of these rows. Holds out `folds` of
+    /// groups, if given.
     pub fn fit_sample(
         rows: &TrainingRows,
         sample: ObservationSample,
@@ -95,14 +95,14 @@ impl PhysicsCalibration {
     }
 }
 
-/// Approximate limit of the rows that are tested, spread evenly over the groups: so many give the
-/// root mean square to two thousandths.
+/// Approximate limit of the rows on which errors are computed, spread evenly over the groups: the
+/// root mean square of so many rows is accurate to two thousandths.
 const MOST_JUDGED: usize = 200_000;
 
 /// Cross-validation over folds of groups. The priors, three numbers, were chosen on all folds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PhysicsValidation {
-    /// Errors by fold; the groups of a fold ascend.
+    /// For each fold, its groups in ascending order.
     pub folds: Vec<Vec<GroupErrors>>,
 }
 
@@ -121,8 +121,8 @@ pub struct GroupErrors {
 
 impl PhysicsValidation {
     /// Converts the rows of each of `folds` with the chosen model refitted without the fold, and
-    /// intervals from the scores of all other groups. Reuses the models of the folds used for the
-    /// choice; fits others on several threads.
+    /// intervals from the scores of all other groups. The models of the folds used for the choice
+    /// are reused; others are fitted here, on several threads.
     ///
     /// # Errors
     /// [`FitError::Interrupted`].
@@ -140,8 +140,8 @@ impl PhysicsValidation {
         Self::by(fit, rows, folds, workers)
     }
 
-    /// Like [`new`](Self::new), with the usual priors and without factors: a quick look, in a tenth
-    /// of the time of a choice.
+    /// Like [`new`](Self::new), with the usual priors and without factors: shows how well the model
+    /// works on these data, in a tenth of the time of a choice.
     ///
     /// # Errors
     /// [`FitError::Physics`] if the rows outside of any fold cannot be fitted;
@@ -210,7 +210,7 @@ impl PhysicsValidation {
     }
 
     /// Share of rows within their intervals of [`COVERAGE_LEVEL`], and mean half-width of the
-    /// intervals. Groups have equal weight; `None` if one has no intervals.
+    /// intervals, with the same weight for each group; `None` if a group has no intervals.
     pub fn coverage(&self) -> Option<PerAxis<(f64, f64)>> {
         let mut sums = PerAxis::<(f64, f64)>::default();
         let mut count = 0.0;

@@ -20,8 +20,8 @@ use super::rows::ObservationSample;
 use least_squares::error::FitError;
 use least_squares::passes::{Workers, map};
 
-/// Candidate λ: half decades below 1, Bayes' value for normal loads. λ = 1 pulls loads at the edge
-/// of the range to a distant minimum.
+/// Candidate λ: half decades below 1, the value that Bayes' rule gives for normal loads. λ = 1
+/// pulls a load at the edge of the range to a distant minimum; other loads do not show this.
 const LAMBDAS: [f64; 4] = [0.01, 0.03, 0.1, 0.3];
 
 const WIDTHS: [f64; 3] = [0.25, 0.5, 1.0];
@@ -174,7 +174,7 @@ impl CandidateData<'_> {
         PhysicsModel::from_fit(&self.scales, &self.folds[fold].rest, fitted, at)
     }
 
-    /// Fits without each fold and computes the squared errors on the fold.
+    /// Fits without each fold, on all threads, and computes the squared errors on the fold.
     fn fits(
         &self,
         width: f64,
@@ -194,8 +194,8 @@ impl CandidateData<'_> {
         })
     }
 
-    /// Squared error for each λ, relative to the mean square of each axis and averaged over the
-    /// axes.
+    /// Squared error on held-out groups for each λ, relative to the mean square of each axis and
+    /// averaged over the axes.
     fn scores(&self, fits: &[Fits]) -> [f64; LAMBDAS.len()] {
         let count = 6.0 * self.folds.iter().map(|fold| fold.held_out.len()).sum::<usize>() as f64;
         let sum = |at: usize| fits.iter().map(|(_, squares)| squares[at]).sum::<f64>();

@@ -27,8 +27,8 @@ const WARM_ROUNDS: usize = 5;
 const EM_STEPS: usize = 6;
 const STEPS: usize = 2;
 
-/// Fits `new` factors, from a fit without factors; or as many as `start` has, which was found for
-/// nearly the same observations in the same scales.
+/// Fits `new` factors, from a fit without factors. If `new` is `None`, fits as many as `start` has,
+/// which was found for nearly the same observations in the same scales.
 pub(super) fn fit_factors(
     data: &Scaled,
     width: f64,
@@ -52,7 +52,7 @@ struct Joint<'a> {
 }
 
 /// `F⁻¹·L/v` of each sensor and row, with `L = D·C` and `F·Fᵀ = I + LᵀL/v`, at the slopes with
-/// which a round begins. With the variances `v` it gives `Vⱼ⁻¹`.
+/// which a round begins. Together with the variances `v` it gives `Vⱼ⁻¹`.
 type Whitening = Vec<Vec<Loadings>>;
 
 struct FactorEquations {
@@ -159,7 +159,7 @@ impl<'a> Joint<'a> {
         whitening
     }
 
-    /// Makes steps over the parameters of all sensors; rejects those that do not lower the sum.
+    /// Makes steps over the parameters of all sensors; rejects steps that do not lower the sum.
     fn refine_parameters(&mut self, whitening: &[Vec<Loadings>], prior: &Prior) {
         let mut at = self.equations(&self.fitted.parameters, whitening, prior);
         for _ in 0..STEPS {
@@ -201,7 +201,7 @@ impl<'a> Joint<'a> {
         let mut curvature = SymmetricMatrix::zeros(size);
         let mut descent = Vec::with_capacity(size);
         let mut cost = 0.0;
-        // One vector for each factor of every row.
+        // The shared part: one vector for each factor of every row of the data.
         let mut shared = vec![vec![0.0; size]; self.rows * self.count];
         let mut pulls = vec![0.0; shared.len()];
         for (sensor, (data, p)) in self.sensors.iter().zip(parameters).enumerate() {

@@ -28,8 +28,8 @@ const WARM_ROUNDS: usize = 4;
 
 const NOISE_STEPS: usize = 20;
 
-/// Most channels of a model: flags are bits of a 16-bit mask, and a frame's values are on the
-/// stack.
+/// Most channels of a model: the flags of a frame are bits of a 16-bit mask, and its values are on
+/// the stack.
 pub const MOST_CHANNELS: usize = 16;
 
 /// The mean of some rows.
@@ -136,7 +136,7 @@ pub(super) fn fit(data: &Scaled, width: f64) -> FittedParameters {
     rounds(&mut sensors, estimates, Noise::START, width, ROUNDS)
 }
 
-/// Fits from the result for nearly the same observations in the same scales.
+/// Fits all sensors from the result for nearly the same observations in the same scales.
 pub(super) fn fit_from(data: &Scaled, width: f64, start: &FittedParameters) -> FittedParameters {
     let estimates = start.parameters.iter().map(|&p| ParameterEstimate::at(p)).collect();
     let mut sensors = sensors(data);

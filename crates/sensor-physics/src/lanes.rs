@@ -20,8 +20,8 @@ const SQUARINGS: usize = 8;
 const EXP: [f64; 11] =
     shares(1.0, [3628800.0, 362880.0, 40320.0, 5040.0, 720.0, 120.0, 24.0, 6.0, 2.0, 1.0, 1.0]);
 
-/// `2/(2k + 1)` for `k` from 13 to 0, of `2·artanh(z)/z` in `z²`; for `z ≤ 1/3` the next is below
-/// 1e-14.
+/// `2/(2k + 1)` for `k` from 13 to 0, the series of `2·artanh(z)/z` in `z²`. For `z ≤ 1/3` the next
+/// term is below 1e-14.
 const ARTANH: [f64; 14] =
     shares(2.0, [27.0, 25.0, 23.0, 21.0, 19.0, 17.0, 15.0, 13.0, 11.0, 9.0, 7.0, 5.0, 3.0, 1.0]);
 

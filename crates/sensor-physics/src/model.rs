@@ -77,8 +77,8 @@ impl PhysicsModel {
         factor_count(self.sensors.iter().map(|sensor| &sensor.loadings))
     }
 
-    /// Returns the same curves without shared factors. Their variance, averaged over the sensors,
-    /// becomes independent noise of each sensor.
+    /// Returns the same curves without shared factors. The variance that the factors add to the
+    /// displacements, averaged over the sensors, becomes independent noise of each sensor.
     #[must_use]
     pub fn without_factors(&self) -> Self {
         let mut model = self.clone();
@@ -88,8 +88,8 @@ impl PhysicsModel {
         model
     }
 
-    /// Log probability density of an observation's readings at its wrench, up to a constant that
-    /// depends only on the scales.
+    /// Log probability density of an observation's readings at its wrench, up to a constant that is
+    /// equal for all models in the same scales.
     pub(super) fn ln_density(&self, o: &Observation) -> f64 {
         let x = std::array::from_fn(|axis| o.wrench[axis] / self.wrench_scale[axis]);
         // V = diag(v) + LLᵀ, so r·V⁻¹·r = Σr²/v − |M^(−½)·Lᵀr/v|² and det V = Πv·det M, M = I + LᵀL/v.

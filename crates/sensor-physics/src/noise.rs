@@ -29,7 +29,7 @@ pub struct Noise {
     pub displacement: f64,
 }
 
-/// Residuals of a sensor, one per row.
+/// Residuals of a sensor for the estimate of the variances, one per row.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Residuals {
     pub(super) squares: Vec<f64>,

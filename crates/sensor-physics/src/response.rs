@@ -69,7 +69,7 @@ impl Answer {
     }
 }
 
-/// Moves the parameters of some sensors by a step over all of them. h and ν change at most by a
+/// Moves the parameters of some sensors by one step over all of them. h and ν change at most by a
 /// factor of e, beyond which the linear approximation fails.
 pub(super) fn move_by<'a>(parameters: impl IntoIterator<Item = &'a mut Parameters>, step: &[f64]) {
     for (p, step) in parameters.into_iter().zip(step.as_chunks::<PARAMETERS>().0) {

@@ -37,9 +37,9 @@ pub(super) struct Prior {
 }
 
 impl Prior {
-    /// Prior before any sensor is known. Displacements are a few units of q over the training
-    /// loads. The curve reaches a twentieth of the range beyond the readings at either end; each of
-    /// its parameters is uncertain by `width` (lo in ranges, h and ν in factors of e).
+    /// Prior before any sensor is known. Displacements are a few units of q over the loads of the
+    /// training data. The curve reaches a twentieth of the range beyond the readings at either end,
+    /// and each of its parameters is uncertain by `width` (lo in ranges, h and ν in factors of e).
     pub(super) fn weak(width: f64) -> Self {
         let (wide, lo, ln_h) = (3.0, -0.05, 0.1);
         Self {
@@ -135,8 +135,8 @@ impl Data<'_> {
     }
 }
 
-/// Data for the fit of one sensor. Columns are padded to a multiple of [`MOST_LANES`], without
-/// weight.
+/// Data for the fit of one sensor. Columns are padded from `rows` on to a multiple of
+/// [`MOST_LANES`]; the padding has no weight.
 #[derive(Clone, Debug)]
 pub(super) struct Data<'a> {
     /// Wrenches, in units of the model's scales.
@@ -147,13 +147,13 @@ pub(super) struct Data<'a> {
     pub(super) weights: Vec<f64>,
 }
 
-/// A sum of squares with a prior at some parameters: from residuals `r = y − f` and gradients
-/// `g = df/dp`.
+/// A sum of squares at some parameters, its curvature and its descent: for the residuals
+/// `r = y − f` with their weights and gradients `g = df/dp`, and then for a prior.
 pub(super) struct Cost {
     /// `Σ weight·r²`.
     pub(super) value: f64,
-    /// `Σ weight·g·gᵀ`, lower triangle: the Gauss-Newton curvature of half the cost, and with that
-    /// of the prior the inverse of the parameters' covariance.
+    /// `Σ weight·g·gᵀ`, lower triangle: the Gauss-Newton curvature of half the cost. With the
+    /// curvature of the prior, it is the inverse of the parameters' covariance.
     pub(super) information: [Parameters; PARAMETERS],
     /// `Σ weight·r·g`: the steepest descent of half the cost.
     pub(super) descent: Parameters,
@@ -265,7 +265,7 @@ fn weigh(weighted: &mut [f64; ROWS_AT_ONCE], weights: &[f64], column: &[f64]) {
     }
 }
 
-/// Adds the products of two columns; deals rows to the lanes of a sum.
+/// Adds the products of two columns; rows are assigned in turn to the lanes of a sum.
 #[inline(always)]
 fn add_products<S: Simd>(
     simd: S,

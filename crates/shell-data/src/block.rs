@@ -1,7 +1,7 @@
 //! A run of consecutive log rows, column by column, in SI units. Memory does not grow with the
 //! length of a file, and inner loops run down contiguous columns.
 
-/// A range of consecutive frames with one label, such as the frames of a pose.
+/// A range of consecutive frames with one label, such as the frames of a load that was held.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FrameLabel {
     /// The index of the first frame.
@@ -40,13 +40,13 @@ pub struct Block {
     pub lines: RowLines,
     /// Time in s.
     pub time_s: Vec<f64>,
-    /// Readings in counts, one column per channel, then [`memory_columns`](Self::memory_columns)
-    /// columns.
+    /// Readings in counts, one column per channel, followed by
+    /// [`memory_columns`](Self::memory_columns) columns of terms that a calibration adds.
     pub readings: Vec<Vec<f64>>,
-    /// Number of columns of memory terms, which a calibration adds after the channels.
+    /// Number of columns after the channels.
     pub memory_columns: usize,
-    /// Wrench in N and N·m, six columns in the order of [`crate::wrench::Axis::ALL`]; missing axes
-    /// are zero.
+    /// Wrench in N and N·m, six columns in the order of [`crate::wrench::Axis::ALL`]; axes that the
+    /// log lacks are zero.
     pub wrench: Vec<Vec<f64>>,
     /// Group labels, run-length encoded: label and number of rows, in row order.
     pub groups: Vec<(String, usize)>,

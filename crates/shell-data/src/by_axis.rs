@@ -15,14 +15,14 @@ thread_local! {
     static AXES: Cell<Axes> = const { Cell::new(Axes::ALL) };
 }
 
-/// Runs `act`, which reads or writes a document with these axes on this thread (by default all
-/// six).
+/// Runs `act`, which reads or writes a document with these axes on this thread. By default a
+/// document has all six axes.
 pub fn among<T>(axes: Axes, act: impl FnOnce() -> T) -> T {
     let _outside = Outside(AXES.replace(axes));
     act()
 }
 
-/// Previous axes, restored even after a panic.
+/// The previous axes, which are restored even if reading or writing panics.
 struct Outside(Axes);
 
 impl Drop for Outside {

@@ -16,7 +16,7 @@ impl Converter {
     }
 
     /// Returns the smallest usual converter (12, 16, 24 or 32 bits) whose range contains `min` to
-    /// `max`; signed if `min` is negative. `None` for fractions such as volts, whose range is
+    /// `max`; it is signed if `min` is negative. `None` for fractions such as volts, whose range is
     /// unknown.
     pub fn of_extremes(min: f64, max: f64) -> Option<Self> {
         let is_whole = |value: f64| value.fract() == 0.0;
@@ -42,7 +42,7 @@ impl Converter {
     }
 }
 
-/// Largest reading that may be in volts.
+/// The largest reading that may be in volts.
 const LARGEST_VOLTAGE: f64 = 50.0;
 
 #[cfg(test)]

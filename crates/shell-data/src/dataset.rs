@@ -16,7 +16,7 @@ use crate::wrench::Axes;
 /// Number of rows per block of arrays.
 pub const BLOCK_ROWS: usize = 4096;
 
-/// Rows in a sample, and parts of the recording that it is taken from.
+/// Number of rows in a sample, and number of parts of the recording that it is taken from.
 const SAMPLE_ROWS: usize = 1024;
 const SAMPLE_PARTS: usize = 16;
 
@@ -191,8 +191,8 @@ impl Dataset {
         data
     }
 
-    /// Returns the rows not in `excluded` and, if `fresh`, with readings that differ from the
-    /// previous row's.
+    /// Returns the rows that are not in `excluded` and, if `fresh`, whose readings differ from
+    /// those of the previous row.
     #[must_use]
     pub fn select(&self, fresh: bool, excluded: &RowSet) -> Self {
         if !fresh && excluded.is_empty() {

@@ -5,8 +5,8 @@
 use std::borrow::Cow;
 use std::fmt::Write;
 
-/// Returns true for controls, line ends, characters that change the direction of text, and
-/// characters without width (Unicode 15.1, categories Cc, Cf, Zl and Zp).
+/// Returns true if a character is not visible: controls, line ends, characters that change the
+/// direction of text, and characters without width (Unicode 15.1, categories Cc, Cf, Zl and Zp).
 pub const fn is_invisible(character: char) -> bool {
     matches!(
         character,
@@ -45,8 +45,8 @@ pub fn terminal(text: &str) -> Cow<'_, str> {
     replace(text, is_invisible, |character, out| out.extend(character.escape_default()))
 }
 
-/// Escapes invisible characters in the strings of a JSON document; its line ends and indentation
-/// stay.
+/// Escapes a JSON document for a terminal: invisible characters within strings are escaped; line
+/// ends and indentation of the document stay.
 pub fn json(document: &str) -> Cow<'_, str> {
     let is_special = |character| character != '\n' && is_invisible(character);
     replace(document, is_special, |character, out| {
@@ -64,7 +64,7 @@ pub fn script_json(document: &str) -> Cow<'_, str> {
     })
 }
 
-/// Returns true if a character changes the direction of the text after it: a page would show
+/// Returns true if a character changes the direction of the text after it, so that a page shows
 /// something else than it contains.
 const fn turns(character: char) -> bool {
     matches!(character, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
@@ -107,8 +107,8 @@ pub fn matlab_comment(text: &str) -> Cow<'_, str> {
     replace(text, is_invisible, |_, out| out.push('\u{fffd}'))
 }
 
-/// Formats a CSV field (RFC 4180), also quoted if it has blanks at its ends or contains another
-/// separator, which a reader might misinterpret.
+/// Formats a CSV field (RFC 4180), quoted if necessary. It is also quoted if it has blanks at its
+/// ends or contains another separator, which a reader might misinterpret.
 pub fn csv_field(text: &str) -> Cow<'_, str> {
     let is_plain = !text.contains([',', '"', '\n', '\r', ';', '|', '\t']) && text.trim() == text;
     match is_plain {

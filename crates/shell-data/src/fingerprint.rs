@@ -38,8 +38,8 @@ impl Fingerprint {
         self.squares = self.squares.wrapping_add(other.squares);
     }
 
-    /// Returns the first log with the same rows as an earlier one: the earlier index, then the
-    /// copy's.
+    /// Returns the indices of the first log that has the same rows as an earlier one: the earlier
+    /// log, then the copy.
     pub fn first_copy(logs: &[Self]) -> Option<(usize, usize)> {
         let copy_of = |(later, fingerprint): (usize, &Self)| {
             let earlier = logs[..later].iter().position(|earlier| earlier == fingerprint);
@@ -49,8 +49,8 @@ impl Fingerprint {
     }
 }
 
-/// Returns an unmixed hash for each of `rows` rows: mix them before use, since different rows may
-/// differ in only a few bits. `start` is the hash of a row without columns.
+/// Returns an unmixed hash for each of `rows` rows: rows that differ may have hashes that differ in
+/// only a few bits, so mix them before use. `start` is the hash of a row without columns.
 #[inline(always)]
 pub fn row_hashes<'a>(
     start: u64,

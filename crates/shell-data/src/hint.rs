@@ -29,7 +29,7 @@ pub fn quoted(names: impl IntoIterator<Item = impl Display>, between: &str) -> S
 pub const OTHER_CHANNELS: &str = "name the sensor columns of the log with `--sensors`, or use the calibration \
                                   of this sensor";
 
-/// Returns the known name that is most similar to a mistyped one, if any is.
+/// Returns the known name that is most similar to `name`, if any is: for names that were mistyped.
 pub fn suggest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let name = name.to_lowercase();
     let likeness = |known: &str| strsim::jaro_winkler(&name, &known.to_lowercase());

@@ -31,8 +31,8 @@ pub fn upper_median(values: &mut [f64]) -> Option<f64> {
     (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-/// Returns the quantile of ascending values, at least one, at rank `(n − 1)·share`, linear between
-/// the nearest values (type 7 of Hyndman & Fan, Am. Statist. 50, 1996).
+/// Returns the quantile of ascending values, at least one, at rank `(n − 1)·share`, interpolated
+/// linearly between the two nearest values (type 7 of Hyndman & Fan, Am. Statist. 50, 1996).
 pub fn quantile(sorted: &[f64], share: f64) -> f64 {
     let rank = (sorted.len() - 1) as f64 * share;
     let below = rank as usize;
@@ -165,8 +165,8 @@ mod tests {
         let mut merged = RunningVariance::default();
         column.chunks(7).for_each(|part| merged.merge(&RunningVariance::new(part)));
         assert_eq!(RunningVariance::new(&column).rms_about_mean(), 1.0);
-        // Means of the parts are rounded at 10¹² · 2⁻⁵³ = 1e-4; a sum of squares would be off by
-        // 10²⁴ · 2⁻⁵³ = 1e8.
+        // The means of the parts are rounded at 10¹² · 2⁻⁵³ = 1e-4; a sum of squares would have an
+        // error of 10²⁴ · 2⁻⁵³ = 1e8.
         assert!((merged.rms_about_mean() - 1.0).abs() < 1e-4);
     }
 

@@ -206,7 +206,7 @@ impl Product {
         Self::new((dimension, self.times * other.times, self.tens + other.tens), symbol)
     }
 
-    /// `is_weight`: the weight of the mass, shown as `kgf`.
+    /// Makes the unit; for a weight, the unit of the weight of the mass, which is shown as `kgf`.
     fn unit(&self, is_weight: bool) -> Unit {
         let (mut times, mut symbol) = (self.times, self.symbol.clone());
         if is_weight {
@@ -228,7 +228,7 @@ impl Product {
 
 const MOST_FACTORS: usize = 6;
 
-/// `None` if `text` is not a unit.
+/// Splits a unit into words and their exponents; `None` if it is not a unit.
 fn factors(text: &str) -> Option<Vec<(String, i8)>> {
     let text: String = text.trim().chars().filter_map(plain_mark).collect();
     let text = text.replace("**", "^");
@@ -286,7 +286,7 @@ fn factors(text: &str) -> Option<Vec<(String, i8)>> {
     (!factors.is_empty() && sign == 1 && !rest.ends_with('^')).then_some(factors)
 }
 
-/// Normalises a character to the grammar's; `None` for brackets.
+/// Normalises a character to the one form in the grammar; `None` for brackets.
 fn plain_mark(mark: char) -> Option<char> {
     Some(match mark {
         '(' | ')' | '[' | ']' => return None,
@@ -300,7 +300,7 @@ fn plain_mark(mark: char) -> Option<char> {
     })
 }
 
-/// Possible meanings of a list of factors, the most literal first.
+/// Returns the possible meanings of a list of factors, the most literal first.
 fn products(factors: &[(String, i8)], folded: bool) -> Vec<Product> {
     let mut products: Vec<Product> = Vec::new();
     for (at, (word, exponent)) in factors.iter().enumerate() {
@@ -332,7 +332,7 @@ fn words(word: &str, folded: bool) -> Vec<Product> {
     found
 }
 
-/// Possible meanings of a word as one symbol with a prefix.
+/// Returns the possible meanings of a word as one symbol with a prefix.
 fn symbols(word: &str, folded: bool) -> Vec<Product> {
     // Names longer than three letters are case-insensitive. All but one-letter names may be plurals.
     let is_same = |text: &str, name: &str| {

@@ -136,8 +136,8 @@ impl Axes {
         self.iter().map(|axis| (axis, values[axis.index()].clone())).collect()
     }
 
-    /// Returns `values`, one per axis in the set, at the positions of their axes, and `absent`
-    /// elsewhere; `None` if their number differs.
+    /// Returns `values`, one for each axis in the set, at the positions of their axes and `absent`
+    /// at the others. `None` if their number is not that of the axes.
     pub fn spread<T: Clone>(self, values: Vec<T>, absent: &T) -> Option<PerAxis<T>> {
         if values.len() != self.count() {
             return None;

@@ -7,7 +7,7 @@ use super::window::Proposal;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Severity {
-    /// How the log was recorded.
+    /// Information on how the log was recorded.
     Note,
     /// The results may be worse than they look.
     Warning,
@@ -16,7 +16,7 @@ pub enum Severity {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Diagnostic {
     pub severity: Severity,
-    /// A name for scripts, the same for all of a kind.
+    /// A short name for scripts, the same for all of a kind.
     pub code: &'static str,
     pub text: String,
 }

@@ -4,7 +4,7 @@ use forces::ForceError;
 use shell_data::hint::{Hint, OTHER_CHANNELS};
 use shell_data::wrench::Axes;
 
-/// Minimum length of a window, in periods of the log.
+/// The minimum number of a log's periods in a window.
 pub(super) const FEWEST_PERIODS: f64 = 10.0;
 
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -16,7 +16,7 @@ pub enum TrialError {
          `{last}` s"
     )]
     OutsideLog { enter: f64, exit: f64, first: f64, last: f64 },
-    /// No rows at the start or the end of the window.
+    /// No rows at the start or the end of the window, s.
     #[error("the log has a gap where the window from `{enter}` to `{exit}` s begins or ends")]
     Gap { enter: f64, exit: f64 },
     #[error("the exit at `{exit}` s is not after the entry at `{enter}` s")]

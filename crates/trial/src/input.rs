@@ -37,8 +37,8 @@ pub struct LogTimes {
     pub period_s: f64,
 }
 
-/// Columns of the rows of a window, and of the rows around it that the low-pass
-/// [needs](forces::PipelineSetup::needed_s).
+/// The rows of a log that a trial needs, column by column: the window, and the rows around it that
+/// the low-pass [needs](forces::PipelineSetup::needed_s).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TrialRows {
     pub times_s: Vec<f64>,
@@ -60,10 +60,10 @@ pub struct TrialOptions {
     #[serde(flatten)]
     pub forces: ForceOptions,
     pub trace: TraceExtent,
-    /// Highest reading of the converter, counts.
+    /// The highest reading of the converter, counts.
     pub full_scale: f64,
-    /// Unexplained share of the training loads' variance, 1 − R², if known: the relative error of
-    /// the calibration on any load, which does not average out over frames.
+    /// The unexplained share of the training loads' variance, 1 − R², if known: the relative error
+    /// of the calibration on any load, which does not average out over frames.
     #[serde(skip)]
     pub unexplained: Option<PerAxis<f64>>,
 }

@@ -9,9 +9,9 @@ use forces::RowRule;
 
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Span {
-    /// Contributing rows, with their shares of the mean.
+    /// The contributing rows, with their shares of the mean.
     pub(super) shares: Vec<(usize, f64)>,
-    /// Contributing rows, with their weights in the integral over time, s.
+    /// The contributing rows, with their weights in the integral over time, s.
     weights: Vec<(usize, f64)>,
 }
 
@@ -50,7 +50,7 @@ impl Span {
         self.shares.iter().map(|&(row, share)| share * signal[row]).sum()
     }
 
-    /// Integral of a signal over time, in its unit times s.
+    /// The integral of a signal over time, in its unit times s.
     pub(super) fn integral(&self, signal: &[f64]) -> f64 {
         self.weights.iter().map(|&(row, weight)| signal[row] * weight).sum()
     }
@@ -60,8 +60,8 @@ pub(super) fn rows_within(times: &[f64], from_s: f64, to_s: f64) -> Range<usize>
     times.partition_point(|&t| t < from_s)..times.partition_point(|&t| t <= to_s)
 }
 
-/// The rows from the last one not after `from_s` to the first one not before `to_s`; `None` if the
-/// ascending `times` do not contain these, or not in this order.
+/// The rows from the last one not after `from_s` to the first one not before `to_s`; `None` if
+/// these times are not within the ascending `times`, or not in this order.
 pub(super) fn rows_around(times: &[f64], from_s: f64, to_s: f64) -> Option<Range<usize>> {
     if from_s >= to_s || !(*times.first()? <= from_s && to_s <= *times.last()?) {
         return None;

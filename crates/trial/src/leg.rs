@@ -5,11 +5,11 @@ use std::f64::consts::TAU;
 use super::integral::rows_around;
 use shell_data::statistics::extremes;
 
-/// Time over which a leg's speed is measured to predict its next angle, s: long against encoder
-/// noise, short against changes of gait.
+/// The time over which the speed of a leg is measured for the prediction of its next angle, s: long
+/// enough against encoder noise, and short against changes of gait.
 const SPEED_OVER_S: f64 = 0.02;
 
-/// Smaller rotations count as still, rad.
+/// Minimum rotation of a leg that does not count as still, rad.
 pub(super) const STILL_RAD: f64 = 0.1;
 
 /// Unwrapped angle of a leg at each row, rad, from an encoder that wraps to zero after a turn, or
@@ -71,7 +71,7 @@ impl Strides {
                 }
                 furthest = (time, angle);
             } else if time > furthest.0 {
-                // From here on the leg recovers the lost angle.
+                // From here on the leg makes up the lost angle.
                 furthest.0 = time;
             }
             if furthest.1 - moved.1 >= STILL_RAD {

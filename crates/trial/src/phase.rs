@@ -8,8 +8,8 @@ use shell_data::wrench::Axis;
 
 pub(crate) const PHASES: usize = 32;
 
-/// Mean and standard deviation of a force between strides, N, by bin: the phase has `PHASES` equal
-/// bins.
+/// A force over the phase: mean and standard deviation between strides, in N, for each of `PHASES`
+/// equal bins of the phase.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct PhaseForce {
     /// Mean over the strides of the mean in a bin.

@@ -15,7 +15,7 @@ use shell_data::telemetry::Telemetry;
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Power {
     pub(super) total_w: Vec<f64>,
-    /// Right and left motor, if the log has both.
+    /// The power of the right and the left motor, if the log has both.
     pub(super) sides_w: Option<[Vec<f64>; 2]>,
 }
 
@@ -25,13 +25,13 @@ const CURRENTS: [Telemetry; 3] =
 
 const NO_ENERGY: &str = "electrical energy and specific resistance are left out";
 
-/// Plausible voltage of a robot's battery, V; other values have another unit than the profile
-/// states.
+/// The plausible range of a robot's battery voltage, V. Readings outside it have another unit than
+/// the profile states.
 const BATTERY_V: std::ops::RangeInclusive<f64> = 0.5..=100.0;
 
 impl Power {
-    /// Computes power, or gives the reason why it cannot. The battery is checked in the rows
-    /// `window`.
+    /// Computes power from telemetry, or gives the reason why it cannot. The battery is checked in
+    /// the rows `window`.
     pub(super) fn new(
         rows: &TrialRows,
         profile: &Profile,
@@ -70,7 +70,7 @@ struct PowerColumns<'a> {
 }
 
 impl PowerColumns<'_> {
-    /// A column in SI units, by the unit in the profile, or otherwise from counts of `per_count`
+    /// A column in SI units: from the unit in the profile, or otherwise from counts of `per_count`
     /// each.
     fn in_si(&self, kind: Telemetry, per_count: Option<f64>) -> Option<Vec<f64>> {
         let unit = self.profile.unit(kind).or(per_count)?;

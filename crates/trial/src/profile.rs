@@ -13,7 +13,7 @@ use toml::{Spanned, Table, Value};
 
 use super::manifest::{ManifestProblem, parse_toml as parse};
 
-/// The built-in profile, as a template for others.
+/// The built-in profile as a document, as a template for others.
 pub const VELOCIROACH: &str = include_str!("../assets/profiles/velociroach.toml");
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -86,7 +86,7 @@ impl Profile {
     ///
     /// # Errors
     /// [`ManifestProblem`] with line and column: not TOML, a missing or unknown key, a constant
-    /// that is not positive, or a unit that does not suit the column.
+    /// that is not a positive number, or a unit that does not suit the column.
     pub fn parse(text: &str) -> Result<Self, ManifestProblem> {
         let has_base = parse::<Table>(text)?.contains_key("base");
         let profile: Self = if has_base { Differences::parse(text)? } else { parse(text)? };
@@ -109,18 +109,18 @@ impl Profile {
         Ok(profile)
     }
 
-    /// Name of a telemetry column in its logs, if the profile gives one.
+    /// The name of a telemetry column in its logs, if the profile gives one.
     pub fn column_name(&self, kind: Telemetry) -> Option<&str> {
         self.columns.get(key_of(kind)?)?.name.as_deref()
     }
 
-    /// Factor to the SI unit, if the profile gives a unit.
+    /// The factor from the unit of a column to the SI unit, if the profile gives one.
     pub(super) fn unit(&self, kind: Telemetry) -> Option<f64> {
         let (key, _, units) = COLUMNS.into_iter().find(|(_, of, _)| *of == kind)?;
         in_si(self.columns.get(key)?.unit.as_deref()?, units)
     }
 
-    /// Angle per count, rad.
+    /// The angle per count of a leg position column, rad.
     pub(super) fn leg_rad(&self, leg: Telemetry) -> f64 {
         self.unit(leg).unwrap_or(self.telemetry.leg_rad_per_count)
     }
@@ -184,7 +184,7 @@ impl Motor {
     }
 }
 
-/// Units with factors to the SI unit.
+/// Units with their factors to the SI unit.
 type Units = &'static [(&'static str, f64)];
 
 const ANGLE: Units = &[("rad", 1.0), ("deg", PI / 180.0), ("rev", TAU)];
@@ -193,7 +193,7 @@ const VOLTAGE: Units = &[("V", 1.0), ("mV", 1e-3)];
 const CURRENT: Units = &[("A", 1.0), ("mA", 1e-3)];
 const POWER: Units = &[("W", 1.0), ("mW", 1e-3)];
 
-/// Columns that results are computed from: keys in a profile and possible units.
+/// The columns that results are computed from: their keys in a profile, and their possible units.
 const COLUMNS: [(&str, Telemetry, Units); 13] = [
     ("right_leg", Telemetry::RightLeg, ANGLE),
     ("left_leg", Telemetry::LeftLeg, ANGLE),

@@ -11,8 +11,8 @@ use super::trace::Trace;
 use super::uncertainty::ForceUncertainty;
 use shell_data::wrench::Axis;
 
-/// Results of one trial. Values that the log or the calibration does not allow are `None`;
-/// [`TrialResult::diagnostics`] has the reason.
+/// The results of one trial. Values that the log or the calibration does not allow are `None`, with
+/// the reason in [`TrialResult::diagnostics`].
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TrialResult {
     #[serde(flatten)]
@@ -20,10 +20,10 @@ pub struct TrialResult {
     pub stride_rows: Vec<StrideRow>,
     #[serde(rename = "remarks")]
     pub diagnostics: Vec<Diagnostic>,
-    /// Signals over the window or the whole log, if requested.
+    /// The signals over the window, or over the whole log, if requested.
     #[serde(skip)]
     pub trace: Option<Trace>,
-    /// Computed from the trace.
+    /// Drag and lift over the phase of the leg, if computed from the trace.
     #[serde(skip)]
     pub phase: Option<PhaseProfile>,
 }
@@ -77,9 +77,9 @@ pub struct TrialRow {
 }
 
 impl TrialRow {
-    /// Error of a quantity due to the calibration, as components along directions common to all
-    /// trials, with its degrees of freedom. `None` if unknown; zero for quantities that do not
-    /// depend on forces.
+    /// The error of a quantity due to the calibration, as components along directions common to all
+    /// trials, with its degrees of freedom. Returns `None` if it is unknown; it is zero for
+    /// quantities that do not depend on forces.
     pub fn shared_error(&self, quantity: Quantity) -> Option<(Vec<f64>, f64)> {
         let (axis, factor) = match quantity {
             Quantity::Drag => (Axis::Fx, -1.0),
@@ -173,7 +173,7 @@ impl Quantity {
         Self::SpecificResistance,
     ];
 
-    /// Quantities by which conditions are compared, the most important first.
+    /// The quantities by which conditions are compared, the most important first.
     pub const COMPARED: [Self; 3] =
         [Self::DragEnergy, Self::ElectricalEnergy, Self::SpecificResistance];
 
@@ -192,7 +192,7 @@ impl Quantity {
         self.texts()[0]
     }
 
-    /// Name of its column, with the SI unit.
+    /// The name of its column, with the SI unit.
     pub const fn column(self) -> &'static str {
         self.texts()[1]
     }

@@ -191,7 +191,7 @@ fn diagnose_rows(input: &TrialInput<'_>, window: Range<usize>, diagnostics: &mut
     }
 }
 
-/// Number of rows missing between ascending `times`, usually `period_s` apart.
+/// The number of rows missing between ascending `times`, which should be `period_s` apart.
 fn missing_rows(times: &[f64], period_s: f64) -> u64 {
     let missing = |pair: &[f64]| ((pair[1] - pair[0]) / period_s).round() as u64;
     times.windows(2).map(|pair| missing(pair).saturating_sub(1)).sum()

@@ -24,16 +24,16 @@ pub(crate) const RESAMPLES: usize = 4000;
 
 const LEVEL: f64 = 0.95;
 
-/// Fewest trials for an interval: the range of n values contains the median of their distribution
-/// with a probability of 1 − 2¹⁻ⁿ, 94 % for five.
+/// The minimum number of trials for an interval: the range of n values contains the median of their
+/// distribution with a probability of 1 − 2¹⁻ⁿ, 94 % for five.
 const FEWEST: usize = 5;
 
-/// Fewest trials for the bootstrap, which covers 91 % with five normal values; Student's interval
-/// covers 95 %.
+/// The minimum number of trials for the bootstrap interval. With five normal values it covers 91 %,
+/// and Student's interval 95 %.
 const FEWEST_BOOTSTRAPPED: usize = 8;
 
-/// Most trials that are resampled. With more, the mean is normal except for its skewness, which is
-/// known, and resampling takes minutes.
+/// The maximum number of trials that are resampled. With more, the distribution of the mean is
+/// normal except for its skewness, which is known, and resampling takes minutes.
 const MOST_DRAWN: usize = 5000;
 
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -43,7 +43,7 @@ pub struct ValueSample {
     /// Errors common to all trials, along common directions: sums over the values.
     shared: Vec<f64>,
     degrees_of_freedom: Option<f64>,
-    /// The error of some trial is unknown.
+    /// True if the error of some trial is unknown.
     is_unknown: bool,
 }
 
@@ -61,14 +61,14 @@ pub struct Statistics {
     pub mean: f64,
     /// Standard deviation with `n − 1`; `None` for a single value.
     pub sd: Option<f64>,
-    /// `None` with fewer than five trials.
+    /// 95 % interval of the mean; `None` with fewer than five trials.
     pub mean_95: Option<Interval>,
     pub q1: f64,
     pub median: f64,
     pub q3: f64,
-    /// Smallest value within 1.5 interquartile ranges below the first quartile.
+    /// The smallest value within 1.5 interquartile ranges below the first quartile.
     pub whisker_low: f64,
-    /// Largest value within 1.5 interquartile ranges above the third quartile.
+    /// The largest value within 1.5 interquartile ranges above the third quartile.
     pub whisker_high: f64,
     /// The values beyond the whiskers, ascending.
     pub outliers: Vec<f64>,
@@ -81,12 +81,12 @@ pub struct Statistics {
 pub struct MeanDifference {
     pub reference: String,
     pub mean: f64,
-    /// `None` if either has fewer than five trials.
+    /// The 95 % interval of the difference; `None` if either has fewer than five trials.
     pub mean_95: Option<Interval>,
 }
 
 impl ValueSample {
-    /// Adds the values of one trial's strides; skips values that are not finite.
+    /// Adds the values of one trial's strides. Values that are not finite are skipped.
     pub fn add_cluster(&mut self, values: impl IntoIterator<Item = f64>) {
         let before = self.values.len();
         self.values.extend(values.into_iter().filter(|value| value.is_finite()));
@@ -96,8 +96,8 @@ impl ValueSample {
         }
     }
 
-    /// Adds the common errors of the `values` added last: components along directions common to all
-    /// trials, each one standard deviation.
+    /// Adds the common errors of the `values` of the trial added last: components along directions
+    /// common to all trials, each one standard deviation.
     pub fn add_shared_error(&mut self, parts: &[f64], degrees_of_freedom: f64) {
         let count = self.clusters.last().map_or(0, |(_, count)| *count) as f64;
         self.shared.resize(self.shared.len().max(parts.len()), 0.0);
@@ -106,7 +106,7 @@ impl ValueSample {
         self.degrees_of_freedom = Some(least);
     }
 
-    /// Records an unknown error, which rules out intervals.
+    /// Records that the errors of some trial are unknown, which rules out intervals.
     pub fn add_unknown_error(&mut self) {
         self.is_unknown = true;
     }
@@ -116,8 +116,8 @@ impl ValueSample {
         self.shared.iter().map(move |sum| sum / count)
     }
 
-    /// Widens the interval `scatter` about `mean` by the common error; `parts` as in
-    /// [`Self::add_shared_error`].
+    /// Widens the interval `scatter` about `mean`, which covers the scatter of trials, by their
+    /// common error; `parts` as in [`Self::add_shared_error`].
     fn widened(&self, mean: f64, scatter: Interval, parts: impl Iterator<Item = f64>) -> Interval {
         let error = parts.map(|part| part * part).sum::<f64>().sqrt();
         let degrees = self.degrees_of_freedom.unwrap_or(f64::INFINITY);
@@ -128,7 +128,7 @@ impl ValueSample {
         }
     }
 
-    /// `None` without values. Equal `seed`s give equal intervals.
+    /// The statistics; `None` without values. Equal `seed`s give equal intervals.
     pub fn statistics(&self, seed: u64) -> Option<Statistics> {
         let n = self.values.len();
         let mut sorted = self.values.clone();
@@ -201,9 +201,9 @@ fn interval(samples: &[Signed<'_>], seed: u64) -> Option<Interval> {
 /// Student's interval; for several samples with Welch's degrees of freedom (Biometrika 34, 1947).
 ///
 /// A trial with several strides counts by its influence on the mean, `(s − c·m)·k/n`, with the sum
-/// s of its c strides, the mean m of all n strides, and k trials. (Hall's transformation for
-/// skewness covers one percent more of skewed values, but five values hardly determine the
-/// skewness, and a large estimate stretches one end by many standard errors.)
+/// s of its c strides, the mean m of all n strides, and k trials. (Hall's transformation, which
+/// removes skewness, covers one percent more of skewed values. But five values hardly determine the
+/// skewness, and if its estimate is large, one end runs away by many standard errors.)
 fn student(samples: &[Signed<'_>]) -> Interval {
     let (mut estimate, mut variance, mut welch) = (0.0, 0.0, 0.0);
     for &(sign, clusters) in samples {
@@ -231,8 +231,8 @@ fn bootstrap(samples: &[Signed<'_>], fewest: usize, seed: u64) -> Interval {
     let n = fewest as f64;
     let z = (n / (n - 1.0)).sqrt() * student_quantile(LEVEL, n - 1.0);
     let (variance, acceleration) = influence(samples, &means);
-    // Limit of the bootstrap distribution of a mean: its bias equals its acceleration (Efron &
-    // Tibshirani, §14.3); its quantiles follow Cornish and Fisher.
+    // The limit of the bootstrap distribution of a mean: its bias equals its acceleration (Efron &
+    // Tibshirani, §14.3), and its quantiles follow Cornish and Fisher.
     if samples.iter().any(|(_, clusters)| clusters.len() > MOST_DRAWN) {
         let end = |z: f64| {
             let shifted = acceleration + z;
@@ -271,8 +271,8 @@ fn bootstrap(samples: &[Signed<'_>], fewest: usize, seed: u64) -> Interval {
     Interval { low: end(-z), high: end(z) }
 }
 
-/// Variance of the bootstrap, and its acceleration, a sixth of the skewness, from the changes when
-/// one cluster is omitted.
+/// The variance of the bootstrap, and its acceleration, which is the skewness over six, from the
+/// changes when one cluster is omitted.
 fn influence(samples: &[Signed<'_>], means: &[f64]) -> (f64, f64) {
     let (mut squares, mut cubes) = (0.0, 0.0);
     for (i, (_, clusters)) in samples.iter().enumerate() {
@@ -359,7 +359,7 @@ mod tests {
         let Interval { low, high } = s.mean_95.unwrap();
         let se = s.sd.unwrap() / f64::sqrt(2000.0);
         // Quantiles of 4000 draws scatter by √(0.025·0.975/4000)/φ(1.96) = 0.042 standard errors;
-        // five times that.
+        // the limit is five times that.
         assert!((low - (s.mean - 1.96 * se)).abs() < 0.21 * se);
         assert!((high - (s.mean + 1.96 * se)).abs() < 0.21 * se);
     }

@@ -28,8 +28,8 @@ impl Trace {
         self.with_rows(&rows)
     }
 
-    /// The rows with a new frame, with each motor's mean power since the previous frame; without
-    /// sensors, rows `period_s` apart.
+    /// The rows with a new frame, where each motor's power is the mean since the previous frame;
+    /// without sensors, rows `period_s` apart.
     pub fn thinned(&self, period_s: f64) -> Self {
         let mut last_s = f64::NEG_INFINITY;
         let is_shown = |&row: &usize| {

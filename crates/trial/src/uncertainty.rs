@@ -37,8 +37,8 @@ const LEVEL: f64 = 0.95;
 pub struct ForceUncertainty {
     /// Half the widths of 95 % intervals, N.
     pub half_widths: PerAxis<f64>,
-    /// Error of the means due to the calibration: components along directions common to all trials,
-    /// each one standard deviation, N.
+    /// The error of the means due to the calibration: components along directions common to all
+    /// trials, each one standard deviation, N.
     pub shared: PerAxis<Vec<f64>>,
     pub degrees_of_freedom: PerAxis<f64>,
 }
@@ -68,7 +68,7 @@ pub(super) fn of_means(
         }
         Kind::Physics(physics) => {
             // The model's error of a frame covers any load and mounting, and a tare removes most of
-            // it. The remainder grows with the load: the share that held-out loads leave
+            // it. The remainder grows with the load: it is the share that held-out loads leave
             // unexplained.
             input.options.unexplained?;
             let groups = physics.intervals.as_ref().map_or(0, |of| of.groups);
@@ -114,7 +114,7 @@ pub(super) fn of_means(
 }
 
 struct ModelErrors {
-    /// Variance of a frame, N².
+    /// The variance of the error of a frame, squares of N.
     of_frame: PerAxis<f64>,
     /// As in [`ForceUncertainty::shared`].
     shared: PerAxis<Vec<f64>>,
@@ -122,7 +122,7 @@ struct ModelErrors {
     degrees_of_freedom: PerAxis<f64>,
 }
 
-/// Errors due to coefficients, at the mean features of a window minus those of its tare.
+/// The errors due to coefficients, at the mean features of a window minus those of its tare.
 fn of_polynomial(covariance: &Covariance, difference: &[f64]) -> ModelErrors {
     let of_frame = std::array::from_fn(|axis| covariance.residual[axis][axis]);
     let shared = std::array::from_fn(|axis| match &covariance.coefficients {
@@ -180,7 +180,7 @@ fn variances(x: &[f64]) -> [f64; 2] {
     [own, own + (1..=lags.min(x.len() - 1)).map(weighed).sum::<f64>().max(0.0)]
 }
 
-/// Half width of the interval, from variances with their degrees of freedom.
+/// Half the width of the interval from variances with their degrees of freedom.
 fn half_width(parts: &[(f64, f64)]) -> f64 {
     let variance: f64 = parts.iter().map(|part| part.0).sum();
     if variance <= 0.0 {
@@ -196,7 +196,7 @@ mod tests {
     use super::*;
     use shell_data::random::{Purpose, RandomStream};
 
-    /// The variance of the mean of a long autoregressive signal is `σ²/(1 − φ)²/n`.
+    /// An autoregressive signal, whose variance of the mean is `σ²/(1 − φ)²/n` for long signals.
     #[test]
     fn the_variance_of_a_mean_allows_for_correlation_of_neighbours() {
         let mut stream = RandomStream::new(5, Purpose::Readings, 0);

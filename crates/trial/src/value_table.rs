@@ -45,7 +45,7 @@ fn groups<T, K: Eq + Hash>(
 impl ValueTable {
     /// Reads a table with a header. Conditions are in the column `by`, or in the first one; values
     /// are in the columns `of`, or in all others that contain only numbers. Rows with the same
-    /// entry in the column `trial`, if given, are strides of one trial.
+    /// entry in the column `trial`, if given, are strides of one trial, and resemble each other.
     ///
     /// # Errors
     /// [`ManifestProblem`] if such a column, a column of numbers or any row is missing, or a field
@@ -124,7 +124,7 @@ impl ValueTable {
         })
     }
 
-    /// Differences are from `reference`.
+    /// The statistics of all quantities and conditions; differences are from `reference`.
     pub fn statistics(&self, reference: Option<&str>, seed: u64) -> Vec<ValueRow> {
         let mut rows = Vec::new();
         for (at, quantity) in self.quantities.iter().enumerate() {

@@ -4,7 +4,7 @@
 //! both recordings: each edge takes the nearest one within reach, and the pairs found correct the
 //! guess. An edge that is missing, or present on one side only, costs that pair alone.
 
-/// Largest skew between a clock with a crystal and one without.
+/// The largest skew between a clock with a crystal and one without.
 const MOST_SKEW: f64 = 2e-2;
 
 /// Tolerance on an edge in addition to the reference's sampling interval, s: clocks wander.
@@ -58,7 +58,7 @@ impl ClockLine {
 
     fn reach(self, board_s: f64, blur_s: f64) -> f64 {
         let beyond = (board_s - self.pivot_s).abs() / self.base_s.max(1e-9);
-        // Skew error of a blur at either end of the base.
+        // Contribution to the skew of a blur at either end of the base.
         blur_s * (1.0 + 2.0 * beyond).min(4.0) + SLACK_S
     }
 
@@ -149,8 +149,8 @@ fn follow(mut line: ClockLine, reference: &[f64], board: &[f64], blur_s: f64) ->
     (pairs.len() > 1).then_some(Pairing { pairs, line })
 }
 
-/// Pairs each edge of the board with the nearest one of the reference, if within reach and without
-/// a nearer partner.
+/// Pairs each edge of the board with the nearest one of the reference, if that is within reach and
+/// has no nearer partner.
 fn walk(line: ClockLine, reference: &[f64], board: &[f64], blur_s: f64) -> Vec<(usize, usize)> {
     let mut pairs: Vec<(usize, usize, f64)> = Vec::new();
     for (i, &time) in board.iter().enumerate() {
@@ -171,7 +171,7 @@ fn walk(line: ClockLine, reference: &[f64], board: &[f64], blur_s: f64) -> Vec<(
     pairs.into_iter().map(|(j, i, _)| (j, i)).collect()
 }
 
-/// Adds a pairing, or replaces a similar one with fewer pairs.
+/// Adds a pairing, unless an equivalent one exists; replaces an equivalent one with fewer pairs.
 fn add(ways: &mut Vec<Pairing>, way: Pairing) {
     match ways.iter_mut().find(|other| way.is_like(other) || other.is_like(&way)) {
         Some(other) if other.pairs.len() >= way.pairs.len() => {}

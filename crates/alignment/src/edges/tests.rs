@@ -15,7 +15,7 @@ fn times(count: usize, mut gap: impl FnMut(usize) -> f64) -> Vec<f64> {
         .collect()
 }
 
-/// Edges in a reference that samples every ms: in the middle between two samples.
+/// The edges in a reference that samples every ms: the middle between two of its samples.
 fn seen(board_s: &[f64], offset_s: f64, skew: f64) -> Vec<f64> {
     let at = |t: &f64| t + offset_s + skew * t;
     board_s.iter().map(|t| ((at(t) / PERIOD_S).floor() + 0.5) * PERIOD_S).collect()
@@ -25,7 +25,7 @@ fn edges(reference_s: Vec<f64>, board_s: Vec<f64>) -> Edges {
     Edges { reference_s, board_s, resolution_s: PERIOD_S }
 }
 
-/// Errors of the offset at the pivot and of the skew, in stated standard errors.
+/// Errors divided by their stated standard errors, of the offset at the pivot and of the skew.
 fn scores(clock: &ClockMap, offset_s: f64, skew: f64) -> [f64; 2] {
     let truth_s = offset_s + skew * clock.pivot_s;
     [(clock.offset_s - truth_s) / clock.offset_se_s, (clock.skew - skew) / clock.skew_se]

@@ -30,7 +30,7 @@ use calibration::validation::grouped::{MAX_GROUPS, RandomSplit, SumsByGroup};
 use serde::{Deserialize, Serialize};
 use shell_data::by_axis::Among;
 
-/// Version that this program writes.
+/// The version of the documents that this program writes.
 pub(crate) const PARTIAL_SCHEMA_VERSION: u64 = 4;
 
 #[derive(Serialize)]
@@ -130,7 +130,7 @@ impl PartialGroups {
                 let sums = SumsByGroup::new(moments_of, Vec::new());
                 sums.map_err(|error| error.to_string())?.total() == Some(total)
             }
-            // The last digits of R factors depend on the order of merging.
+            // The last digits of R factors depend on the order of merging, so compare rows only.
             Sums::Factored(total) => rows == total.rows(),
         };
         ensure!(is_whole, "the sums of the groups do not add up to `{}`", total.field());

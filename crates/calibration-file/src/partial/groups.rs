@@ -16,10 +16,10 @@ use super::{MergeError, PartialFit, SourceFile, Sums, expect};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PartialGroups {
     pub by: GroupKind,
-    /// Assignment of rows to the random folds that held-out errors are compared with.
+    /// The assignment of rows to the random folds that held-out errors are compared with.
     #[serde(flatten)]
     pub split: RandomSplit,
-    /// Sums of the random folds; empty if rows are not summed exactly.
+    /// The sums of the held-out random folds; empty if rows are not summed exactly.
     pub random: Vec<ExactSums>,
     #[serde(rename = "sums")]
     pub groups: Vec<PartialGroup>,
@@ -29,7 +29,7 @@ pub struct PartialGroups {
 pub struct PartialGroup {
     pub label: String,
     pub source: usize,
-    /// Number of groups that begin before it in that source.
+    /// The number of groups that begin before it in that source.
     #[serde(rename = "place")]
     pub position: usize,
     #[serde(flatten)]
@@ -149,7 +149,7 @@ impl PartialFit {
     }
 
     /// Sorts sources by name, and groups by their first rows. Without groups no result depends on
-    /// the order of merging, which stays.
+    /// the order, and the sources keep the order of merging.
     pub fn put_in_order(&mut self) {
         let Some(groups) = &mut self.groups else { return };
         let mut sources: Vec<(usize, SourceFile)> = self.sources.drain(..).enumerate().collect();
@@ -161,7 +161,7 @@ impl PartialFit {
         }
         groups.groups.iter_mut().for_each(|group| group.source = now_at[group.source]);
         groups.groups.sort_unstable_by_key(|group| (group.source, group.position));
-        // Groups that turned out to begin in an earlier source leave gaps.
+        // Groups that turned out to begin in an earlier source have left gaps.
         let (mut last, mut next) = (None, 0);
         for group in &mut groups.groups {
             next = if last == Some(group.source) { next + 1 } else { 0 };

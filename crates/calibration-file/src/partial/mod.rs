@@ -36,8 +36,8 @@ pub struct PartialFit {
     pub columns: Option<ColumnNames>,
     #[serde(default = "all_axes", skip_serializing_if = "are_all")]
     pub axes: Axes,
-    /// Sensors in channel order, then the wrench, by recognised or specified names. Unknown in
-    /// earlier versions.
+    /// The summed columns: sensors in channel order, then the wrench, by the recognised or
+    /// specified names. Unknown in documents of earlier versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub summed: Option<Vec<String>>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -153,7 +153,7 @@ impl PartialFit {
         }
     }
 
-    /// Adds `other`.
+    /// Adds the rows of `other`.
     ///
     /// # Errors
     /// [`MergeError`] if the two are not parts of one fit; `self` is then unchanged.
@@ -193,7 +193,7 @@ impl PartialFit {
         Ok(())
     }
 
-    /// Checks that both sum the same columns of one sensor, as far as known.
+    /// Checks that both sum the same columns of one sensor, as far as both know.
     fn check_columns(&self, other: &PartialFit) -> Result<(), MergeError> {
         if let (Some(own), Some(others)) = (&self.summed, &other.summed) {
             let mut pairs = own.iter().zip(others).enumerate();
@@ -208,12 +208,12 @@ impl PartialFit {
         }
     }
 
-    /// Returns true if the rows of all files of `other` are included.
+    /// Returns true if the rows of all files of `other` are included here.
     pub fn has_counted_all_of(&self, other: &PartialFit) -> bool {
         !other.sources.is_empty() && other.sources.iter().all(|source| self.has_counted(source))
     }
 
-    /// Digests identify rows in any file format, checksums files.
+    /// Compares digests, which identify rows in any file format, and checksums of files.
     fn has_counted(&self, source: &SourceFile) -> bool {
         let is_same = |known: &SourceFile| {
             let is_equal = |a: &Option<String>, b: &Option<String>| a.is_some() && a == b;

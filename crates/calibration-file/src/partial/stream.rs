@@ -20,7 +20,7 @@ pub struct PartialStream<R> {
 }
 
 impl<R: BufRead> PartialStream<R> {
-    /// Errors call `reader` `name`.
+    /// Reads from `reader`, which errors call `name`.
     pub fn new(reader: R, name: impl Into<PathBuf>) -> Self {
         let (name, document) = (name.into(), Vec::new());
         Self { reader, name, lines: 0, document, has_failed: false, parse: PartialFit::parse }
@@ -35,7 +35,7 @@ impl<R: BufRead> PartialStream<R> {
         CalibrationFileError { path: self.name.clone(), problem }
     }
 
-    /// Returns false at the end of the stream.
+    /// Reads the next whole document; returns false at the end of the stream.
     fn read_document(&mut self) -> io::Result<bool> {
         self.document.clear();
         let mut rest = (&mut self.reader).take(DocumentKind::Json.budget() + 1);

@@ -63,7 +63,7 @@ struct ScaledFactor {
     lower: Mat<f64>,
 }
 
-/// 1 for a column of zeros.
+/// Norms of columns with these products; 1 for a column of zeros.
 fn norms(products: MatRef<'_, f64>) -> Vec<f64> {
     let norm = |j: usize| Some(products[(j, j)].sqrt()).filter(|norm| *norm > 0.0);
     (0..products.ncols()).map(|j| norm(j).unwrap_or(1.0)).collect()
@@ -134,7 +134,7 @@ impl TermSet {
     }
 }
 
-/// Loads at a lag, or their slope, from the loads at a few knots.
+/// Loads at a lag, or their slope: a combination of the loads at a few knots.
 #[derive(Clone, Copy)]
 struct Blend {
     first: usize,
@@ -155,7 +155,7 @@ impl Blend {
     }
 }
 
-/// Features × 6 and memory terms × 6.
+/// Coefficients of a fit, features × 6 and memory terms × 6.
 struct Coefficients {
     features: Mat<f64>,
     terms: Mat<f64>,
@@ -163,8 +163,8 @@ struct Coefficients {
 
 type Fitted<'a> = (Blend, &'a Coefficients);
 
-/// Products of the residual of the loads at a lag, and of the part of their slope that the features
-/// leave unexplained.
+/// Sums of products of the residual of the loads at a lag, and of the part of their slope that the
+/// features leave unexplained.
 #[derive(Clone, Copy)]
 pub(super) struct LagSums {
     pub(super) residual: PerAxis<f64>,
@@ -176,15 +176,15 @@ pub(super) struct FoldEquations<'a> {
     pub(super) samples: &'a SearchRows<'a>,
     origin: f64,
     features: FoldSums,
-    /// All rows but those of each fold, then all rows.
+    /// The features of all rows but those of each fold, then of all rows.
     fits: Vec<ScaledFactor>,
     knots: Vec<OnceLock<Knot>>,
-    /// 0 for axes that do not vary.
+    /// Variances of the axes; 0 for axes that do not vary.
     pub(super) variances: PerAxis<f64>,
 }
 
 impl<'a> FoldEquations<'a> {
-    /// For lags about `origin`; `None` if rounding has made the equations of the features
+    /// Equations for lags about `origin`; `None` if rounding has made those of the features
     /// indefinite.
     pub(super) fn new(samples: &'a SearchRows<'a>, origin: f64) -> Option<Self> {
         let loads = samples.loads(0.0);
@@ -207,8 +207,8 @@ impl<'a> FoldEquations<'a> {
         })
     }
 
-    /// Loads at a lag, and their slope over one period in each direction, which excludes the noise
-    /// of the loads in between. `None` for a lag too far from the origin.
+    /// Loads at a lag, and their slope over one period in each direction, so that noise of the
+    /// loads in between has no part in it. `None` for a lag too far from the origin.
     fn blends(&self, lag: f64) -> Option<[Blend; 2]> {
         let period = self.samples.clock.period;
         let at = (lag - self.origin) / period + FARTHEST as f64;
@@ -291,8 +291,8 @@ impl<'a> FoldEquations<'a> {
         terms.with_loads[knot].get_or_init(loads)
     }
 
-    /// Puts the terms of another time constant at a position, perhaps behind the last. `None` if
-    /// rounding has made the equations indefinite.
+    /// The set with the terms of another time constant at a position, which may be behind the last.
+    /// `None` if rounding has made the equations indefinite.
     pub(super) fn with(
         &self,
         set: &TermSet,
@@ -431,7 +431,7 @@ impl<'a> FoldEquations<'a> {
         for (fold, of_fold) in self.samples.folds.iter().enumerate() {
             let rest = self.solve(set, fold, loads);
             let fitted = (loads, &rest);
-            // Cancellation may leave a negative number.
+            // Cancellation may leave a negative number, which is impossible for a sum of squares.
             let found = self
                 .residual_products(set, Some(fold), fitted, fitted)
                 .map(|squares| squares.max(0.0));

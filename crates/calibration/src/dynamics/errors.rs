@@ -7,7 +7,7 @@ use shell_data::wrench::PerAxis;
 pub(super) struct FoldErrors {
     pub(super) rows: u64,
     pub(super) squares: PerAxis<f64>,
-    /// Rows of each fold, and errors relative to the variance of each axis, averaged over those
+    /// Rows of each fold, and its errors relative to the variance of each axis, averaged over those
     /// that vary.
     pub(super) scores: Vec<(u64, f64)>,
     /// Scores minus the part caused by noise of readings and loads.

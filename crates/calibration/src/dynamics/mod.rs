@@ -31,7 +31,7 @@ use least_squares::quality::{in_units, significant};
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Usual steps of the clock beyond which a step is a gap.
+/// A step of the clock is a gap if it exceeds this many usual ones.
 const GAP_PERIODS: f64 = 10.0;
 
 /// Given lag and memory, s, or rows if logs have no clock. `None` requests a search.
@@ -139,7 +139,7 @@ fn refusal(data: &Dataset) -> Option<NotSearched> {
     if data.has_weights() {
         return Some(NotSearched::Weights);
     }
-    // Before poses: shuffled loads may look like them.
+    // Checked before poses, because shuffled loads may look like poses.
     let correlation = load_correlation(data, 1);
     if correlation < SHUFFLED_BELOW {
         return Some(NotSearched::Shuffled(correlation));
@@ -193,7 +193,7 @@ impl fmt::Display for Dynamics {
 }
 
 impl Gain {
-    /// `Fx 0.113 → 0.078 → 0.055 N, …`.
+    /// Text such as `Fx 0.113 → 0.078 → 0.055 N, …`.
     fn steps(&self, of: &Dynamics) -> String {
         let mut columns: Vec<&PerAxis<f64>> = vec![&self.plain];
         columns.extend(of.lag.map(|_| &self.with_lag));

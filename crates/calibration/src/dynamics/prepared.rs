@@ -22,8 +22,8 @@ pub struct ReferenceLag {
 }
 
 impl ReferenceLag {
-    /// Converts the time of readings, s, to the time of the same force on the reference's clock.
-    /// Unchanged for a lag in rows.
+    /// Converts the time of readings, s, to the time of the same force on the clock of the
+    /// reference. Unchanged if the lag is in rows.
     pub fn moved_s(&self, time_s: f64) -> f64 {
         /// Largest time at which a double resolves a nanosecond, to which times are rounded.
         const LARGEST_S: f64 = 1e6;
@@ -95,9 +95,9 @@ pub(super) struct BetweenRows {
 }
 
 impl BetweenRows {
-    /// Finds, for each of some ascending rows, the time `by` after the row's time: between two
-    /// rows, or up to one row beyond the ends of its segment; further out, the last value is held.
-    /// `times` ascend within each of `segments`.
+    /// Finds, for each of some rows in ascending order, the time `by` after the row's time: between
+    /// two rows, or up to one row beyond the ends of its segment; further out, the last value is
+    /// held. `times` ascend within each of `segments`.
     pub(super) fn later(
         times: &[f64],
         segments: &[Range<usize>],
@@ -129,7 +129,7 @@ impl BetweenRows {
         rows.into_iter().map(of_row).collect()
     }
 
-    /// Linear between the rows.
+    /// Value of a column at that time, linear between the rows.
     pub(super) fn value(&self, column: &[f64]) -> f64 {
         column[self.before] + self.share * (column[self.after] - column[self.before])
     }

@@ -24,14 +24,14 @@ use shell_data::dataset::{Dataset, LogRows};
 use shell_data::statistics::upper_median;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// More rows of longer recordings would add little.
+/// Most rows that are read; more rows of longer recordings would add little.
 const MOST_ROWS: usize = 200_000;
 
 const MOST_USED: usize = 8_000;
 
 const ROWS_PER_FEATURE: usize = 10;
 
-/// Most folds, and about the number of parts into which a few logs are divided.
+/// Largest number of folds, and about the number of parts into which a few logs are divided.
 const FOLDS: usize = 10;
 
 /// Number of logs from which logs are not divided.
@@ -40,13 +40,13 @@ const ENOUGH_LOGS: usize = 4;
 const MOST_FEATURES: usize = 150;
 
 struct LogPart<'a> {
-    /// The last block may have more rows than the part.
+    /// Blocks with the readings; the last block may have more rows than the part.
     blocks: Vec<&'a Block>,
     times: Vec<f64>,
     segments: Vec<Range<usize>>,
     wrench: PerAxis<Vec<f64>>,
     used: Vec<usize>,
-    /// Runs of rows with one label, in used rows; empty without labels.
+    /// Ends of runs of rows with one label, in used rows; empty for rows without labels.
     group_ends: Vec<usize>,
 }
 
@@ -58,7 +58,7 @@ pub(super) struct SearchRows<'a> {
     /// Features of the used rows; the last is constant if there is an intercept.
     pub(super) features: Mat<f64>,
     pub(super) noise: ReadingNoise,
-    /// White noise, N² and (N·m)².
+    /// Variance of white noise on the loads, N² and (N·m)².
     load_noise: PerAxis<f64>,
     pub(super) has_intercept: bool,
 }
@@ -88,7 +88,7 @@ impl<'a> LogPart<'a> {
         Self { blocks, times, segments, wrench, used, group_ends }
     }
 
-    /// Nearest end of a group.
+    /// End of the group that ends nearest to a used row.
     fn cut_near(&self, row: usize) -> usize {
         let nearest = self.group_ends.iter().min_by_key(|end| end.abs_diff(row));
         nearest.copied().unwrap_or(row)
@@ -101,7 +101,7 @@ impl<'a> LogPart<'a> {
 }
 
 impl<'a> SearchRows<'a> {
-    /// `None` if there are too few rows or folds, or a value is not finite.
+    /// Returns `None` if there are too few rows or folds, or if a value is not finite.
     pub(super) fn new(data: &'a Dataset, clock: &RowClock, intercept: bool) -> Option<Self> {
         let channels = data.channels();
         let rows = usize::try_from(data.rows()).ok()?;
@@ -159,7 +159,7 @@ impl<'a> SearchRows<'a> {
         self.features.nrows()
     }
 
-    /// Longest time without a gap.
+    /// Length of the longest block of time without a gap.
     pub(super) fn longest(&self) -> f64 {
         let spans = self.logs.iter().flat_map(|log| {
             log.segments.iter().map(|rows| log.times[rows.end - 1] - log.times[rows.start])
@@ -167,7 +167,7 @@ impl<'a> SearchRows<'a> {
         spans.fold(0.0, f64::max)
     }
 
-    /// Rows × 6, at times that are later by `by`.
+    /// Loads of the used rows (rows × 6), at times that are later by `by`.
     pub(super) fn loads(&self, by: f64) -> Mat<f64> {
         let mut loads = Mat::zeros(self.rows(), Axis::ALL.len());
         let mut start = 0;
@@ -184,13 +184,13 @@ impl<'a> SearchRows<'a> {
         loads
     }
 
-    /// Interpolation between rows averages the noise of two loads.
+    /// Variance of the noise of these loads: interpolation between rows averages two of them.
     pub(super) fn noise_of_loads(&self, by: f64) -> PerAxis<f64> {
         let share = (by / self.clock.period).rem_euclid(1.0);
         self.load_noise.map(|variance| variance * (share * share + (1.0 - share) * (1.0 - share)))
     }
 
-    /// Rows × channels.
+    /// Memory terms of a time constant (rows × channels).
     pub(super) fn memory_terms(&self, time_constant: f64) -> Mat<f64> {
         let memory = self.clock.memory(&[time_constant]).expect("a positive time constant");
         let (mut columns, mut start) = (Mat::zeros(self.rows(), self.channels), 0);
@@ -213,7 +213,7 @@ impl<'a> SearchRows<'a> {
     }
 }
 
-/// Runs of one label in the first `rows` of a log, counted in used rows.
+/// Ends of the runs of one label in the first `rows` of a log, counted in used rows.
 fn group_ends(log: &LogRows, rows: usize, every: usize) -> Vec<usize> {
     let runs = log.blocks.iter().flat_map(|block| &*block.labels);
     let mut ends: Vec<(&str, usize)> = Vec::new();
@@ -227,8 +227,8 @@ fn group_ends(log: &LogRows, rows: usize, every: usize) -> Vec<usize> {
     ends.iter().map(|(_, end)| (*end.min(&rows)).div_ceil(every)).collect()
 }
 
-/// A few logs are cut into parts of about equal length that contain whole groups; many neighbouring
-/// parts or logs are combined.
+/// Divides the used rows into folds. A few logs are cut into parts of about equal length that
+/// contain whole groups; neighbouring parts or logs are combined if there are many.
 fn folds(logs: &[LogPart<'_>]) -> Vec<Range<usize>> {
     let parts = match logs.len() {
         ENOUGH_LOGS.. => 1,
@@ -241,7 +241,7 @@ fn folds(logs: &[LogPart<'_>]) -> Vec<Range<usize>> {
         ends.extend((1..=parts).map(|part| start + cut(part)));
         start += rows;
     }
-    // Parts without rows.
+    // Removes parts without rows.
     ends.dedup();
     let count = ends.len() - 1;
     let folds = count.min(FOLDS);
@@ -255,10 +255,10 @@ const GRADIENT_ROWS: usize = 400;
 /// over five rows.
 const DIFFERENCE_GAIN: f64 = 70.0;
 
-/// Differences beyond this many medians are jumps.
+/// Differences beyond this many times their median are jumps.
 const JUMP: f64 = 8.0;
 
-/// A row later than this many periods follows a missing row.
+/// A row that comes later than this many periods follows a missing row.
 const MISSING_PERIODS: f64 = 1.5;
 
 pub(super) struct ReadingNoise {
@@ -315,8 +315,8 @@ impl ReadingNoise {
         Self { period, channels: channels.collect() }
     }
 
-    /// Variance of each axis due to this noise, N² and (N·m)², from the coefficients of the
-    /// features and of the memory terms, channel by channel for each time constant.
+    /// Variance of each axis due to this noise, N² and (N·m)². `features` are the coefficients of
+    /// the features; `terms` those of the memory terms, channel by channel for each time constant.
     pub(super) fn of_wrench(
         &self,
         features: &Mat<f64>,
@@ -349,8 +349,8 @@ impl ReadingNoise {
     }
 }
 
-/// White noise on the columns of several logs, from fourth differences over rows at equal
-/// distances; 0 without any.
+/// Variance of white noise on the columns of several logs, each with its times, from fourth
+/// differences over rows at equal distances. 0 if there are none.
 pub(super) fn variance<'a>(
     logs: impl Iterator<Item = (&'a [f64], impl AsRef<[f64]>)>,
     period: f64,

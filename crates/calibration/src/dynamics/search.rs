@@ -23,7 +23,7 @@ const MOST_TIMES: usize = 4;
 /// Ratio of neighbouring time constants on the grid.
 const GRID: f64 = 2.0;
 
-/// Closer time constants count as one.
+/// Least ratio of two different time constants; closer ones count as one.
 const APART: f64 = 1.5;
 
 /// A memory term that lowers squared errors by a smaller share is not worth its state.
@@ -34,10 +34,10 @@ const LEAST_GAIN: f64 = 0.02;
 /// few time constants do not describe fully looks like a lag.
 const LEAST_GAIN_IN_GROUPS: f64 = 0.2;
 
-/// Smaller errors relative to the loads are rounding.
+/// Errors relative to the loads are rounding below this.
 const NOTHING_LEFT: f64 = 1e-12;
 
-/// Towards a lag; they converge like the secant method.
+/// Most steps towards a lag, which converge like the secant method.
 const STEPS: usize = 12;
 
 /// Steps towards the lag for each of many time constants.
@@ -46,13 +46,13 @@ const FIRST_STEPS: usize = 2;
 /// Lags from which the search starts, rows.
 const STARTS: [f64; 11] = [-32.0, -16.0, -8.0, -4.0, -2.0, 0.0, 2.0, 4.0, 8.0, 16.0, 32.0];
 
-/// Factors that move time constants, by round.
+/// Factors that move time constants, one for each round.
 const ROUNDS: [f64; 4] = [1.7, 1.4, 1.2, 1.08];
 
 type LagEstimate = (f64, f64);
 
 /// Runs the search that the rule requests; given values stay. If the caller cancels it, nothing is
-/// found, and the next pass reports that.
+/// found, and the next pass over the rows reports the cancellation.
 pub(super) fn search(
     samples: &SearchRows<'_>,
     rule: &DynamicsRule<'_>,
@@ -76,7 +76,7 @@ impl DynamicsSearch<'_> {
         self.equations.samples
     }
 
-    /// `None` if nothing can be found.
+    /// Returns `None` if nothing can be found.
     fn run(&self, given: &Dynamics) -> Option<Dynamics> {
         let (rule, equations) = (self.rule, &self.equations);
         let none = equations.no_terms();
@@ -150,8 +150,8 @@ impl DynamicsSearch<'_> {
         (pays && lag.abs() > 2.0 * error).then_some((lag, error))
     }
 
-    /// Solves for the lag in at most `steps` steps from a first guess; also returns the change of
-    /// the sum with it.
+    /// Finds the lag by the method of the module, from a first guess, in at most `steps` steps.
+    /// Also returns the change of the sum with the lag.
     fn lag(&self, set: &TermSet, start: f64, steps: usize) -> Option<(f64, f64)> {
         let period = self.samples().clock.period;
         let sums = |lag: f64| Some(self.equations.lag_sums(set, lag, false)?.0);
@@ -221,7 +221,7 @@ impl DynamicsSearch<'_> {
         (self.samples().clock.period, self.samples().longest() / 4.0)
     }
 
-    /// Adds one of a grid, and moves all of them and the lag to the least errors.
+    /// Adds one time constant of a grid, and moves all of them and the lag to the least errors.
     fn one_more(
         &self,
         set: &TermSet,
@@ -266,7 +266,7 @@ impl DynamicsSearch<'_> {
         Some(Attempt { score, set, lag })
     }
 
-    /// Minimised; infinite if there is no fit.
+    /// Score that the search minimises; infinite if there is no fit.
     fn score(&self, set: &TermSet, lag: f64) -> f64 {
         self.equations.errors(set, lag).map_or(f64::INFINITY, |errors| errors.systematic())
     }

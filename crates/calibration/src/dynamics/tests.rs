@@ -38,7 +38,7 @@ impl SyntheticSensor {
         let stiffness = 1.0 + self.creep.iter().map(|(share, _)| share).sum::<f64>();
         const STEPS: usize = 5;
         let step = 1.0 / RATE_HZ / STEPS as f64;
-        // The sensor was still under the first load before the log.
+        // The sensor has rested under the first load of the log.
         let mixed = |channel: usize, t: f64| -> f64 {
             (0..6).map(|axis| mix(channel, axis) * load(axis, t)).sum()
         };
@@ -89,8 +89,8 @@ const RIGID: SyntheticSensor = SyntheticSensor { lag_s: 0.0, creep: [(0.0, 1.0);
 
 #[test]
 fn lag_and_both_time_constants_of_a_known_sensor_are_found() {
-    // The fit holds a reading until the next, 5 ms later, which moves the lag by 0.06 ms. Half a
-    // minute determines the lag less exactly than two minutes.
+    // The fit takes a reading to be held until the next, 5 ms later, which moves the lag by 0.06
+    // ms. Half a minute determines the lag less exactly than two minutes.
     for (lag_s, logs, tolerance) in [(0.0031, 4, 1e-4), (-0.0074, 1, 1.5e-4)] {
         // Noise is a fifth of a per cent of the loads; more moves the lag by a tenth of its value.
         let sensor = SyntheticSensor { lag_s, creep: [(0.08, 0.06), (0.1, 1.4)], noise: 0.005 };

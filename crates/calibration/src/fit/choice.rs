@@ -24,10 +24,10 @@ use least_squares::validation::grouped::{Apart, SumsByGroup};
 use least_squares::validation::selection::{self, Advice, Selection};
 use shell_data::dataset::{Dataset, RowSet};
 
-/// Fewest groups for standard errors that are not requested explicitly.
+/// Minimum number of groups for standard errors by group, unless these are requested explicitly.
 const FEWEST_GROUPS: usize = 10;
 
-/// A model, and results that are known before its fit.
+/// The model to fit, and the results that are known before the fit.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ModelChoice {
     pub(super) basis: Basis,
@@ -40,14 +40,14 @@ pub(super) struct ModelChoice {
     pub(super) sums: Option<GroupedSums>,
     /// Sums for the covariance by group, if `sums` do not suit the solver or the groups.
     pub(super) own_sums: Option<GroupedSums>,
-    /// Groups that the covariance holds out together, if they are blocks of time.
+    /// The groups that the covariance holds out together, if they are blocks of time.
     pub(super) stretches: Option<Vec<Range<usize>>>,
     pub(super) group_by: Option<GroupBy>,
     pub(super) labelled: Option<Dataset>,
     pub(super) by_group: bool,
-    /// Why it cannot, although there are some.
+    /// Why it cannot come from the groups, although there are some.
     pub(super) not_grouped: Option<FitError>,
-    /// Why there should be no covariance, unless it is requested explicitly.
+    /// Why there should be no covariance at all, unless it is requested explicitly.
     pub(super) few_groups: Option<FewGroups>,
 }
 
@@ -69,8 +69,8 @@ impl ModelChoice {
     }
 
     /// Holds out each block of time alone for the covariance, if the groups of `sums` are such
-    /// blocks and have, on average, at least half as many rows as the model has features: each then
-    /// adds little to the scatter.
+    /// blocks and have, on average, at least half as many rows as the model has features. Each then
+    /// adds little to the scatter of all.
     fn set_stretches(&mut self, sums: &GroupedSums, model: &Model) {
         let groups = sums.groups();
         let are_long = 2 * sums.rows() >= (groups * model.term_count()) as u64;
@@ -79,8 +79,8 @@ impl ModelChoice {
         self.stretches = (are_long && are_stretches).then(each_alone);
     }
 
-    /// Warnings about missing standard errors by group, for the reasons known here and to the fit
-    /// (`not_grouped`).
+    /// Returns the warnings about missing standard errors by group, for the reasons known here and
+    /// to the fit (`not_grouped`).
     ///
     /// # Errors
     /// [`FitError::NoGroupCovariance`] if `rule` requests these errors explicitly.
@@ -100,8 +100,8 @@ impl ModelChoice {
     }
 }
 
-/// Rows and options of a fit. Groups are found in all training rows, before the rows to use are
-/// selected.
+/// The rows and the options of a fit. Groups are found in all training rows; the rows to use are
+/// selected after all are labelled.
 #[derive(Clone, Copy)]
 pub(super) struct FitInput<'a> {
     pub(super) train: &'a Dataset,
@@ -189,7 +189,7 @@ impl FitOptions<'_> {
         self.basis().is_none() || self.cross_validation.is_some()
     }
 
-    /// Groups for held-out errors, if any: a chosen model is also judged.
+    /// The groups to find held-out errors on, if any: a model that is chosen is also judged.
     pub(super) fn validation(&self) -> Option<HeldOut> {
         self.cross_validation.or_else(|| (self.model == ModelRule::Auto).then_some(HeldOut::Auto))
     }
@@ -203,7 +203,7 @@ impl FitOptions<'_> {
         }
     }
 
-    /// `None` if each of the `groups` is held out alone.
+    /// The number of folds for held-out errors; `None` if each of the `groups` is held out alone.
     pub(super) fn folds(&self, groups: usize) -> Option<usize> {
         match self.cross_validation {
             Some(HeldOut::Folds(folds)) => Some(folds),
@@ -230,9 +230,9 @@ impl FitOptions<'_> {
         }
     }
 
-    /// Chooses the family of features by folds of groups, on some rows of each, from exact sums if
-    /// possible, whatever the solver. Otherwise also returns the errors on each fold, unless rows
-    /// were left out.
+    /// Chooses the family of features by folds of groups, on some rows of each group. Uses exact
+    /// sums if they are possible, regardless of the solver for the fit. Otherwise it also returns
+    /// the errors on each fold, unless rows were left out.
     fn choose_family(
         &self,
         choice: &mut ModelChoice,
@@ -352,8 +352,8 @@ impl FitOptions<'_> {
         Ok(())
     }
 
-    /// Keeps sums or rows for the solver's standard errors, if it cannot use the sums of the
-    /// held-out groups.
+    /// Keeps the sums or rows for the solver's standard errors by group, if it cannot use the sums
+    /// of the held-out groups.
     fn sum_for_solver(&self, choice: &mut ModelChoice, rows: &Dataset) -> Result<(), FitError> {
         let own_sums = match self.solver {
             SolverKind::Huber => Some(GroupedSums::Rows(rows_in_one(rows))),
@@ -368,7 +368,7 @@ impl FitOptions<'_> {
         Ok(())
     }
 
-    /// Tests if so many groups can show the scatter of the coefficients of `model`.
+    /// Tests whether this number of groups can show the scatter of the coefficients of `model`.
     fn test_group_count(&self, choice: &mut ModelChoice, model: &Model, groups: usize) {
         // A few groups say little about how groups scatter.
         choice.by_group &= self.covariance != CovarianceRule::Auto || groups >= FEWEST_GROUPS;

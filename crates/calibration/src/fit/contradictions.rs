@@ -22,38 +22,38 @@ const PARTS: usize = 4;
 const MOST_FILES: usize = 40;
 const MOST_REFERENCES: usize = 4;
 
-/// Fewest rows per channel of a part that serves as the reference.
+/// Minimum number of rows per channel of a part that serves as the reference.
 const ROWS_PER_CHANNEL: usize = 4;
 
 /// Limit for a part: this many errors of the reference part, but at least this share of its loads.
 const MOST: f64 = 3.0;
 const NO_ERROR: f64 = 1e-3;
 
-/// Larger R² on every axis: the reference was computed from the readings.
+/// R² on every axis from which on a reference was computed from the readings.
 const COMPUTED: f64 = 0.999_999;
 
-/// Least error of a pose, in errors of the others, for a fault; and fewest poses. A pose of a sound
-/// recording, hung by hand, errs 6.4 times as much as the rest; a load written down wrongly, ten
-/// times and more.
+/// Minimum error of a pose, in errors of the other poses, for a fault; and minimum number of poses.
+/// One pose of a sound recording, hung by hand, errs 6.4 times as much as the rest; a load written
+/// down wrongly, ten times and more.
 const FAR_MORE: f64 = 7.0;
 const FEWEST_POSES: usize = 8;
 
-/// Equal readings of two poses, and different loads, as shares of their ranges; and the most poses
-/// that are compared.
+/// Maximum difference of equal readings of two poses, and minimum difference of different loads, as
+/// shares of their ranges; and the maximum number of poses that are compared.
 const SAME_READINGS: f64 = 0.005;
 const OTHER_LOADS: f64 = 0.2;
 const MOST_POSES: usize = 1000;
 
-/// Most means, in order of time, in which a jump of the zero is searched for; and means on each
-/// side that show how sudden it is.
+/// Maximum number of means, in order of time, in which a jump of the zero is searched for; and the
+/// number of means on each side that show how sudden it is.
 const MEANS: usize = 240;
 const BESIDE: usize = 12;
 
 /// A log with more rows uses every second, third, … block for residuals.
 const MOST_ROWS: u64 = 100_000;
 
-/// Least share of the squares of the means that a jump explains, and of the jump between the means
-/// next to it.
+/// Minimum share of the squares of the means that a jump of the zero explains, and minimum share of
+/// the jump between the means just before and just after it.
 const EXPLAINED: f64 = 0.6;
 const SUDDEN: f64 = 0.6;
 
@@ -138,7 +138,7 @@ fn parts(fit: &Fit, workers: Workers<'_>) -> Result<Vec<String>, FitError> {
     Ok(told)
 }
 
-/// The largest jump of an axis's mean residual, in the first log with one.
+/// The largest jump of the mean residual of an axis, in the first log with a jump.
 fn zero_jumps(fit: &Fit) -> Option<String> {
     for log in &fit.used.logs {
         let blocks = (log.rows() / MOST_ROWS + 1) as usize;
@@ -185,7 +185,7 @@ struct Jump {
     explained: f64,
 }
 
-/// The jump that explains most of a column, if it is sudden.
+/// The jump of a column, if one explains most of it and is sudden.
 fn jump(column: &[f64]) -> Option<Jump> {
     let all = RunningVariance::new(column);
     let n = column.len();
@@ -211,7 +211,7 @@ fn jump(column: &[f64]) -> Option<Jump> {
     ((after - before).abs() > SUDDEN * found.size.abs()).then_some(found)
 }
 
-/// Pose and axis with the largest error relative to the other poses, if far larger.
+/// The pose and axis with the largest error relative to the other poses, if it is far larger.
 fn poses_that_err(fit: &Fit, workers: Workers<'_>) -> Result<Option<String>, FitError> {
     if !fit.group_by.is_some_and(|by| by.is_poses()) {
         return Ok(None);
@@ -313,7 +313,7 @@ fn pose_means(data: &Dataset) -> Option<Vec<(String, PoseMeans)>> {
     Some(poses)
 }
 
-/// The readings explain it too well for a measurement.
+/// A reference that the readings explain too well for a measurement.
 fn computed_reference(fit: &Fit) -> Option<String> {
     let worst = |axis: Axis| fit.train[axis.index()].r_squared;
     let all: Option<Vec<f64>> = fit.calibration.axes.iter().map(worst).collect();

@@ -9,11 +9,11 @@
 use least_squares::quality::significant;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// Least factor by which a cure reduces the error of the worst axis.
+/// Minimum factor by which a cure reduces the error of the worst axis.
 const SMALLER: f64 = 3.0;
 
-/// Largest error after a cure, as a share of the squares of the loads: in large units, even a
-/// reference of noise has small errors.
+/// Maximum share of the squares of the loads that remains as error after a cure: in large units,
+/// even a reference of noise has small errors.
 const MOST_LEFT: f64 = 0.3;
 
 /// Largest ratio of errors to those of the best cure for both to be equally good.
@@ -67,8 +67,8 @@ impl Cure {
         })
     }
 
-    /// The change, if it reduces the errors enough, to a small share of the `loads` (root mean
-    /// squares).
+    /// Returns the change as a cure if it reduces the errors enough, to a small share of the
+    /// `loads`, which are root mean squares.
     pub(super) fn if_cured(
         change: String,
         axes: Axes,
@@ -108,7 +108,7 @@ pub(super) struct WrenchProducts {
     means: [PerAxis<f64>; 2],
     predicted: PerAxis<f64>,
     measured: PerAxis<f64>,
-    /// A predicted axis (first index) and a measured one.
+    /// Products of a predicted axis (first index) and a measured one.
     both: PerAxis<PerAxis<f64>>,
 }
 
@@ -181,7 +181,7 @@ impl WrenchProducts {
         left <= MOST_LEFT * change.axes.iter().map(load).sum::<f64>()
     }
 
-    /// The simplest change after which errors are far smaller.
+    /// The simplest change after which errors beyond their limits are far smaller.
     pub(super) fn cure(&self, limit: &PerAxis<f64>, axes: Axes) -> Option<Cure> {
         if self.rows == 0.0 {
             return None;
@@ -273,7 +273,7 @@ fn simplest(block: usize, now: f64, score: impl Fn(&BlockChange) -> f64) -> Opti
     None
 }
 
-/// All 48 of a block, in order of increasing change.
+/// All 48 turns and mirrors of the axes of a block, in order of increasing change.
 fn signed_permutations(block: usize) -> impl Iterator<Item = [Reading; 3]> {
     const ORDERS: [[usize; 3]; 6] =
         [[0, 1, 2], [1, 0, 2], [0, 2, 1], [2, 1, 0], [1, 2, 0], [2, 0, 1]];
@@ -344,7 +344,7 @@ fn determinant(axes: &Signed) -> f64 {
     axes.iter().map(|(_, sign)| sign).product::<f64>() * parity
 }
 
-/// A turn or a mirror of the frame, in words.
+/// Describes a turn or a mirror of the frame.
 fn frame(axes: &Signed) -> String {
     const NAMES: [&str; 3] = ["x", "y", "z"];
     let kept: Vec<usize> = (0..3).filter(|&at| axes[at] == (at, 1.0)).collect();
@@ -378,7 +378,7 @@ fn columns(names: [&str; 3], axes: &Signed) -> String {
     }
 }
 
-/// Delay of the measured wrench, in consecutive rows, that makes the errors far smaller.
+/// The delay of the measured wrench, in consecutive rows, that makes the errors far smaller.
 pub(super) fn delay(
     predicted: &PerAxis<Vec<f64>>,
     measured: &[Vec<f64>],
@@ -415,7 +415,7 @@ mod tests {
     use super::*;
     use system_tests::random::Random;
 
-    /// Loads of 400 rows, and predictions with errors of a hundredth of them.
+    /// Wandering loads of 400 rows, and predictions with errors of a hundredth of them.
     fn rows() -> (PerAxis<Vec<f64>>, Vec<Vec<f64>>) {
         let mut random = Random(7);
         let mut measured: Vec<Vec<f64>> = (0..6).map(|_| vec![0.0]).collect();

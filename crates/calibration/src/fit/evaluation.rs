@@ -91,12 +91,12 @@ pub fn evaluate(
 
 #[derive(Clone, Copy, Default)]
 struct EvalOptions<'a> {
-    /// Units in which errors are counted by size, if at all.
+    /// Units in which errors are counted by their size, if they are counted.
     size_unit: Option<&'a PerAxis<f64>>,
     row_test: Option<&'a RowTest<'a>>,
-    /// Compare rows with those of other logs.
+    /// True if rows are compared with those of other logs.
     compares: bool,
-    /// Sum up the measured wrench.
+    /// True if the measured wrench is summed up.
     sums_loads: bool,
 }
 
@@ -183,7 +183,7 @@ impl RowErrors {
     ) -> Result<[Self; 2], FitError> {
         // A single log cannot be a copy of another.
         let compares = train.logs.len() + test.logs.len() > 1;
-        // Training rows define the range.
+        // Training rows are always within the range, because they define it.
         let mut without_range = calibration.clone();
         without_range.valid_range = None;
         let look = EvalOptions { size_unit, row_test, compares, sums_loads: true };
@@ -210,8 +210,8 @@ impl Leaks {
         self.test.filter(|&share| share >= LEAKY)
     }
 
-    /// The share of leaking training rows, if so large that held-out errors say nothing about new
-    /// poses.
+    /// The share of leaking training rows, if it is so large that errors on held-out groups say
+    /// nothing about new poses.
     pub fn in_groups(&self) -> Option<f64> {
         self.groups.filter(|&share| share >= LEAKY)
     }
@@ -250,7 +250,7 @@ pub fn group_errors(
     workers: Workers<'_>,
 ) -> Result<GroupedErrors, FitError> {
     let stride = (data.rows() / sample.max(1)).max(1) as usize;
-    // Sums of loads in place of means.
+    // The groups of one block, with sums of loads in place of means.
     let work = |(): &mut (), (_, block): &(usize, &LabelledBlock)| {
         let (mut groups, mut predicted, mut start) = (Vec::new(), PerAxis::default(), 0);
         let (rows, wrench) = (block.rows.rows, &block.rows.wrench);
@@ -308,7 +308,7 @@ pub struct PairedErrors {
     pub axes: PerAxis<PairedError>,
 }
 
-/// Smaller differences, as a share of both errors, are rounding.
+/// A difference below this share of the sum of both errors is rounding.
 const ROUNDING: f64 = 1e-9;
 
 /// The errors of two calibrations on one axis, N or N·m.
@@ -349,8 +349,8 @@ impl PairedError {
     }
 }
 
-/// The errors of two calibrations on the rows of `data`, with the lag and memory of each corrected,
-/// compared by groups of a column, files, groups found in the rows, or blocks of time.
+/// The errors of two calibrations on the rows of `data`, with the lag and memory of each corrected.
+/// They are compared by groups of a column, files, groups found in the rows, or blocks of time.
 ///
 /// # Errors
 /// [`FitError`] if there are fewer than two groups, or the watcher of the workers stops the pass.
@@ -405,14 +405,14 @@ mod tests {
     use shell_data::wrench::Axes;
     use system_tests::random::Random;
 
-    /// Reads the load, with a constant error of `offset`.
+    /// A calibration of one channel that reads the load, with a constant error of `offset`.
     fn off_by(offset: f64) -> Calibration {
         let model = Model { basis: Basis::Linear, intercept: true, channels: 1, memory: 0 };
         let scaling = Scaling { centre: vec![0.0], scale: vec![1.0] };
         Calibration::new(model, scaling, vec![[1.0; 6], [offset; 6]])
     }
 
-    /// Twenty poses of thirty rows, each with its own error.
+    /// Twenty poses of thirty rows, where each pose has its own error.
     fn poses() -> Dataset {
         let (mut random, mut reading, mut load) = (Random(3), Vec::new(), Vec::new());
         for _ in 0..20 {

@@ -15,8 +15,8 @@ use sensor_physics::COVERAGE_LEVEL;
 use shell_data::block::Block;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// A test fails if its error is certainly larger than this many promised errors; below, if only the
-/// training error is known.
+/// A test fails if its error is certainly larger than this many times the promised error. The
+/// second limit applies if only the training error is known, not the error on held-out rows.
 const MOST: f64 = 2.0;
 const MOST_OF_TRAINING: f64 = 3.0;
 
@@ -52,8 +52,8 @@ pub struct TestRatio {
     pub axis: Axis,
     /// The error divided by the promised error.
     pub ratio: f64,
-    /// Its 95 % interval, from the scatter between groups of test rows; zero to infinity for one
-    /// group.
+    /// The 95 % interval of the ratio, from the scatter between groups of test rows; zero to
+    /// infinity for a single group.
     pub interval: [f64; 2],
 }
 
@@ -79,7 +79,7 @@ impl Fault {
 }
 
 impl Fit {
-    /// Examines test and training rows, in a small part of the time of the fit.
+    /// Examines the test and the training rows. This takes a small part of the time of the fit.
     ///
     /// # Errors
     /// [`FitError::Interrupted`].
@@ -96,7 +96,7 @@ impl Fit {
         Ok(())
     }
 
-    /// Errors promised on new rows, and the factor by which a test may exceed them.
+    /// The errors promised on new rows, and the factor by which errors on a test may exceed them.
     pub(super) fn promise(&self) -> (PerAxis<f64>, f64) {
         match &self.cross_validation {
             Some(found) => {
@@ -108,7 +108,7 @@ impl Fit {
         }
     }
 
-    /// Largest errors with which a test passes, and the ratio on the axis that most certainly
+    /// The largest errors with which a test passes, and the ratio on the axis that most certainly
     /// exceeds its promise.
     fn test_ratio(
         &self,
@@ -150,7 +150,7 @@ impl Fit {
         text
     }
 
-    /// Cures the whole test, one of its files, or half of a file.
+    /// The change that cures the whole test, one of its files, or half of a file.
     fn cure_of_test(&self, limit: &PerAxis<f64>) -> Option<String> {
         let (calibration, axes) = (&self.calibration, self.calibration.axes);
         let search = |rows: &Block| cure(calibration, rows, limit, axes);
@@ -209,8 +209,8 @@ impl TestRatio {
         ratio.is_finite().then_some(Self { axis, ratio, interval })
     }
 
-    /// Returns true if the error is certainly larger than `most` times the promised error; a single
-    /// group's limit is `most` squared.
+    /// Returns true if the error is certainly larger than `most` times the promised error. A single
+    /// group has an infinite interval: its limit is `most` squared.
     fn fails(&self, most: f64) -> bool {
         match self.interval[1].is_finite() {
             true => self.interval[0] > most,
@@ -219,7 +219,7 @@ impl TestRatio {
     }
 }
 
-/// A change of the reference, or an exchange of two channels.
+/// The change of the reference, or the exchange of two channels, that cures the rows.
 fn cure(calibration: &Calibration, rows: &Block, limit: &PerAxis<f64>, axes: Axes) -> Option<Cure> {
     if rows.rows == 0 {
         return None;
@@ -252,7 +252,7 @@ fn exchanged_channels(
     let mut best: Option<Cure> = None;
     for (a, b) in (0..channels).flat_map(|a| (a + 1..channels).map(move |b| (a, b))) {
         let mut readings = few.readings.clone();
-        // With their memory terms.
+        // The memory terms of both channels are exchanged, too.
         for first in (0..readings.len()).step_by(channels) {
             readings.swap(first + a, first + b);
         }

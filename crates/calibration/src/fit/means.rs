@@ -8,12 +8,12 @@ use least_squares::reading_ranges::ReadingRanges;
 use shell_data::block::Block;
 use shell_data::dataset::{BLOCK_ROWS, Dataset};
 
-/// A row of means for each group of labelled rows, in the order of their first rows.
+/// Returns a row of means for each group of labelled rows, in the order of their first rows.
 ///
 /// # Errors
 /// [`FitError`] if there are no groups, or a value is not finite.
 pub(super) fn group_means(data: &Dataset) -> Result<Dataset, FitError> {
-    // Reports values that are not finite.
+    // Reports values that are not finite, as every fit does.
     ReadingRanges::from_dataset(data)?;
     let (rows, labels) = GroupedRows::from_labels(data);
     let Some(first) = data.logs.first().filter(|_| !labels.is_empty()) else {
@@ -22,7 +22,7 @@ pub(super) fn group_means(data: &Dataset) -> Result<Dataset, FitError> {
     let groups: Vec<(String, &[Run])> = labels.into_iter().zip(rows.groups()).collect();
     let means = |groups: &[(String, &[Run])]| {
         let mean = |column: usize| {
-            // Double-double: correct to the last digit in any order of the rows.
+            // Double-double sums: means are correct to the last digit in any order of the rows.
             let of = |(_, runs): &(String, &[Run])| {
                 let values = rows.column(runs, column).map(DoubleDouble::from);
                 let sum = values.fold(DoubleDouble::ZERO, |sum, x| sum + x);

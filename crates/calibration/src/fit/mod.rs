@@ -186,8 +186,8 @@ impl Fit {
         self.solution().map_or_else(|| self.parameter_count(), |solution| solution.rank)
     }
 
-    /// Condition number of the features (columns of norm one); `None` if infinite, and for physics
-    /// models.
+    /// Condition number of the features, columns scaled to norm one; `None` if infinite, and for
+    /// physics models.
     pub fn condition(&self) -> Option<f64> {
         Some(self.solution()?.condition).filter(|condition| condition.is_finite())
     }
@@ -377,7 +377,7 @@ fn fit_rows(input: FitInput<'_>) -> Result<Fit, FitError> {
     }
 }
 
-/// The chosen polynomial, or the physics model if that has smaller errors on held-out groups.
+/// Fits the chosen polynomial, or the physics model if that has smaller errors on held-out groups.
 fn fit_best(input: FitInput<'_>, choice: ModelChoice) -> Result<Fit, FitError> {
     let comparison = match input.options.why_no_physics(input.train) {
         Some(reason) => Outcome::NotPossible(reason),

@@ -22,18 +22,18 @@ const MOST_ROUNDS: usize = 12;
 const LARGEST_SHARE: f64 = 0.01;
 const MANY: usize = 50;
 
-/// Multiple of the errors of all but that share of the rows.
+/// An outlier's error exceeds this many times the errors of all but that share of the rows.
 const FAR_BEYOND: f64 = 2.5;
 
-/// Distance from the nearer neighbour, in standard deviations, above which a warning names the
-/// column.
+/// Distance of a value from its nearer neighbour, in standard deviations, above which a warning
+/// names the column.
 const FAR_FROM_NEIGHBOURS: f64 = 2.0;
 
 /// Minimum size of an impossible load, in standard deviations.
 const FAR_BEYOND_LOADS: f64 = 10.0;
 
 type Suspect = (usize, TestedRow);
-/// Position of its block, and position in the block.
+/// A row, by the position of its block and its position in the block.
 type RowKey = (usize, usize);
 type RowKeys = BTreeSet<RowKey>;
 
@@ -56,19 +56,19 @@ pub(super) struct KnownFit<'a> {
     pub(super) tested: Vec<Vec<TestedRow>>,
 }
 
-/// Searches among the used rows, from the fit to all rows if it is `known`.
+/// Searches for outliers among the used rows. Starts from the fit to all rows if it is `known`.
 pub(super) fn name_outliers(
     train: &Dataset,
     known: Option<KnownFit<'_>>,
     options: &FitOptions<'_>,
 ) -> Result<Outliers, FitError> {
     let mut found = search(train, options, known)?;
-    // Rows outside the valid range were left out.
+    // Rows outside the valid range have been left out.
     found.rows.retain(|row| row.reason != Reason::OutOfRange);
     Ok(found)
 }
 
-/// Like [`find_outliers`], from the fit to all rows if it is `known`.
+/// Like [`find_outliers`], but starts from the fit to all rows if it is `known`.
 fn search(
     data: &Dataset,
     options: &FitOptions<'_>,
@@ -132,8 +132,8 @@ fn search(
     Ok(Outliers { rows, too_many: None, rms })
 }
 
-/// Size from which a row is an outlier: far beyond all but `most` rows. Rows that are not suspects
-/// have at most `unseen`.
+/// The size above which an error makes a row an outlier: far beyond the sizes of all but `most`
+/// rows. `unseen` is the maximum size of rows that are not suspects.
 fn limit_beyond(tested: &[Suspect], most: usize, unseen: f64) -> f64 {
     let mut sizes: Vec<f64> = tested.iter().map(|(_, of)| of.size).collect();
     let tail = match sizes.len() > most {
@@ -178,11 +178,11 @@ impl OutlierSearch<'_> {
         solve(&problem, None, &Rows::new(&used, self.options.workers), sample)
     }
 
-    /// The fit `all` without some of its rows, from its solution or its sums; `None` if that
-    /// requires a pass.
+    /// The fit `all` without some of its rows, computed from its solution or its sums; `None` if
+    /// that requires a pass over the other rows.
     fn without(&self, all: &Solved, left_out: &RowKeys) -> Result<Option<Solution>, FitError> {
-        /// Most rows to remove from the solution, each with memory for all features; more are
-        /// removed from the sums or in a pass.
+        /// Maximum number of rows to remove from the solution, because each needs memory for all
+        /// features. It is better to remove more rows from the sums, or leave them out of a pass.
         const MOST_TAKEN_OUT: usize = 4096;
         let rows = self.gather(left_out);
         let few = rows.rows <= MOST_TAKEN_OUT;
@@ -238,7 +238,7 @@ impl OutlierSearch<'_> {
         excluded: &RowKeys,
         most: usize,
     ) -> Result<(Vec<Suspect>, f64), FitError> {
-        /// Smaller errors stay below [`LIMIT`] even if the predictions change.
+        /// An error of a smaller size stays below [`LIMIT`] even if the predictions change.
         const NEAR_LIMIT: f64 = LIMIT / 1.5;
         let unseen = self.looked_by.map(|noise| test.largest_unseen(&noise));
         if let Some(unseen) = unseen.filter(|&unseen| unseen < NEAR_LIMIT) {
@@ -268,7 +268,7 @@ impl OutlierSearch<'_> {
         };
         let with_suspects = |block: &usize| !self.suspects[*block].is_empty();
         let blocks: Vec<usize> = (0..self.blocks.len()).filter(with_suspects).collect();
-        // Other passes count these rows for progress.
+        // Other passes count these rows for the progress bar.
         let tested = map(&blocks, self.options.workers, test_block)?;
         Ok(tested.into_iter().flatten().collect())
     }
@@ -316,8 +316,8 @@ impl OutlierSearch<'_> {
         Reason::Error { axis: Axis::ALL[axis], size, error, is_possible }
     }
 
-    /// Names a row and the columns that differ most from its neighbours or, outside the valid
-    /// range, these readings.
+    /// Names a row and the columns that differ most from its neighbours or, for a row outside the
+    /// valid range, the readings that are outside.
     fn name(&self, (block, row): RowKey, reason: Reason) -> Outlier {
         let (log, rows) = self.blocks[block];
         let (channels, terms) = (self.data.channels(), rows.memory_columns);
@@ -325,7 +325,7 @@ impl OutlierSearch<'_> {
         let beside = |column: usize| {
             [row.checked_sub(1), Some(row + 1)].map(|at| all[column].get(at?).copied())
         };
-        // The nearer neighbour: at the edge of a contact the other is far away.
+        // The distance to the nearer neighbour: at the edge of a contact the other is far away.
         let apart = |column: usize| {
             let known = beside(column).into_iter().flatten();
             let apart = known.map(|other| self.spread.apart(column, all[column][row], other));

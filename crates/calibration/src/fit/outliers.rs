@@ -69,7 +69,7 @@ impl Outliers {
 
     /// The warnings about the outliers. `names` says where each row is.
     pub fn warnings(&self, axes: Axes, names: &[RowName]) -> Vec<String> {
-        /// More would hide other warnings.
+        /// Maximum number of outliers to list: more would hide other warnings.
         const SHOWN: usize = 10;
         let in_words = |(row, name): (&Outlier, &RowName)| {
             let RowName { file, line, columns } = name;

@@ -31,12 +31,12 @@ use shell_data::wrench::{Axis, PerAxis};
 /// between the groups.
 const GROUPS_PER_FEATURE: usize = 8;
 
-/// Ratio of squared errors on held-out groups and own rows above which a polynomial is a poor
-/// model.
+/// Ratio of a polynomial's squared error on held-out groups to that on its own rows, above which it
+/// is a poor model of them.
 const MUCH_WORSE: f64 = 2.0;
 
-/// Folds on which the physics model is first tried with default priors, and its largest ratio of
-/// squared errors to the polynomial's there.
+/// Number of folds on which the physics model is first tried with default priors, before its own
+/// are chosen on all; and the maximum ratio of its squared error to the polynomial's there.
 const TRIED_FIRST: usize = 5;
 const OUT_OF_REACH: f64 = 4.0;
 
@@ -75,7 +75,7 @@ pub(super) type TriedPhysics = ((PhysicsCalibration, Choice), PhysicsValidation)
 
 /// Fits the physics model and finds its errors. A comparison may have `tried` it already.
 pub(super) fn fit(input: FitInput<'_>, tried: Option<TriedPhysics>) -> Result<Fit, FitError> {
-    // It has no memory terms.
+    // The physics model has no memory terms.
     let [train, test] = &[input.train, input.test].map(Dataset::without_memory);
     let options = input.options;
     options.workers.start("physics model");
@@ -102,7 +102,7 @@ pub(super) fn fit(input: FitInput<'_>, tried: Option<TriedPhysics>) -> Result<Fi
     options.workers.start("errors on the rows");
     let errors = RowErrors::of_fit(&calibration, [&used, test], (None, None), options.workers)?;
     let of_train = Evaluation::total(&errors[0].logs);
-    // A polynomial finds the outliers, whose effect on it is another.
+    // A polynomial finds the outliers, and their effect on it is not their effect on this model.
     let looks = of_train.has_large_errors() && options.looks_for_outliers();
     let outliers = match looks.then(|| name_outliers(train, None, options)) {
         None => Outcome::NotAsked,
@@ -127,8 +127,8 @@ pub(super) fn fit(input: FitInput<'_>, tried: Option<TriedPhysics>) -> Result<Fi
 
 type FittedOnFolds = ((PhysicsCalibration, Choice), Vec<Vec<u64>>);
 
-/// Fits the physics model, and assigns folds for its held-out errors, on which the choice of priors
-/// does not depend.
+/// Fits the physics model, and assigns the folds for its held-out errors. The choice of priors does
+/// not depend on these folds.
 fn fit_sample(
     rows: &TrainingRows,
     sample: ObservationSample,
@@ -142,7 +142,7 @@ fn fit_sample(
     Ok((fitted, folds(options.held_out())?))
 }
 
-/// Folds of similar size.
+/// Assigns groups of rows to folds of similar size.
 fn assign_folds(rows: &TrainingRows, folds: usize) -> Result<Vec<Vec<u64>>, FitError> {
     let groups_of = |fold: Vec<usize>| fold.into_iter().map(|group| group as u64).collect();
     Ok(assign_groups(&rows.group_sizes(), folds)?.into_iter().map(groups_of).collect())
@@ -187,7 +187,7 @@ impl ModelComparison {
         let options = input.options;
         let sums = choice.sums.as_ref().filter(|_| choice.selection.is_some());
         let sums = sums.and_then(GroupedSums::exact);
-        // The rows of each set of groups are unknown.
+        // If sums are of sets of groups, the rows of each set are unknown.
         let sums = sums.filter(|sums| sums.group_count == sums.groups.len());
         let Some(sums) = sums else { return Ok(None) };
         let labelled = input.labelled(options.held_out());

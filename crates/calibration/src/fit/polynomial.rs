@@ -46,8 +46,8 @@ fn covariance(
     }
 }
 
-/// Condition number up to which refined QR has all digits of the coefficients (docs/accuracy.md),
-/// and the covariance, from its R factor, at least six.
+/// Condition number below which refined QR has all digits of the coefficients (docs/accuracy.md).
+/// The covariance, from its R factor, which is not refined, then has at least six.
 const AS_GOOD_AS_EXACT: f64 = 1e10;
 
 pub(super) fn fit(input: FitInput<'_>, mut choice: ModelChoice) -> Result<Fit, FitError> {
@@ -56,8 +56,8 @@ pub(super) fn fit(input: FitInput<'_>, mut choice: ModelChoice) -> Result<Fit, F
     let problem = PolynomialProblem {
         model: options.model_of(&train, choice.basis),
         solver: match options.solver {
-            // The exact solver takes neither weights nor memory terms, which are rounded, so
-            // refinement gains nothing.
+            // The exact solver takes neither weights nor memory terms. The latter are themselves
+            // rounded, so refinement gains nothing.
             SolverKind::Exact if train.has_weights() => SolverKind::RefinedTsqr,
             SolverKind::Exact if train.memory_terms() > 0 => SolverKind::Tsqr,
             solver => solver,
@@ -117,8 +117,8 @@ pub(super) fn fit(input: FitInput<'_>, mut choice: ModelChoice) -> Result<Fit, F
     Ok(fitted.with_errors(train, test, [errors, of_tests], options))
 }
 
-/// Fits a calibration of `axes` to sums, in total and by group, without physics model or search for
-/// outliers.
+/// Fits a calibration of `axes` to the sums of some rows, in total and by group. Sums allow neither
+/// the physics model nor a search for outliers.
 ///
 /// # Errors
 /// [`FitError`] if the rows do not determine the coefficients, or an option needs groups and there
@@ -163,7 +163,7 @@ fn check_copies(data: [&Dataset; 2], errors: [&RowErrors; 2]) -> Result<(), FitE
     Err(FitError::Copy { earlier, later })
 }
 
-/// 1 for an axis without errors.
+/// The root mean square error of each axis; 1 for an axis without errors.
 fn root_mean_square(solution: &Solution) -> PerAxis<f64> {
     std::array::from_fn(|axis| {
         let square = solution.residual_products[(axis, axis)] / solution.rows as f64;

@@ -28,12 +28,12 @@ use shell_data::dataset::{BLOCK_ROWS, Dataset, LabelledBlock};
 use shell_data::wrench::PerAxis;
 use std::sync::LazyLock;
 
-/// More groups are held out in folds.
+/// Maximum number of groups that are each held out alone.
 pub(super) const MOST_ALONE: usize = 40;
 pub(super) const FOLDS: usize = 10;
 
-/// Most values in R factors of groups that are held out one by one: 200 MB, plus twice as much for
-/// the others.
+/// Maximum number of values in the R factors of groups that are each held out alone: 200 MB, plus
+/// twice as much for the R factors of all other groups.
 const MOST_NUMBERS: usize = 25_000_000;
 
 /// Most rows on which families are compared, or most per feature of the largest family if that is
@@ -55,9 +55,9 @@ pub fn random_split(folds: usize, seed: u64) -> RandomSplit {
     RandomSplit { folds, held_out: folds.min(HELD_OUT), seed }
 }
 
-/// Chooses the family of features by folds of labelled groups, and the ridge if the options have
-/// none. Also returns the errors on each fold, if no row was left out and they are far above
-/// rounding errors.
+/// Chooses the family of features by folds of groups of labelled rows, and also the ridge if the
+/// options have none. Also returns the errors on each fold of groups, if no row was left out and
+/// they are far above rounding errors.
 pub(super) fn select_by_normal_equations(
     data: &Dataset,
     options: &FitOptions<'_>,
@@ -186,7 +186,7 @@ pub fn sum_groups(
     let mut sums = GroupSums::new(basis, channels, apart, random);
     let empty = sums.worker();
     let work = |worker: &mut GroupWorker, (_, block): &(usize, &LabelledBlock)| {
-        // Reports values that are not finite.
+        // Reports values that are not finite, as every fit does.
         ReadingRanges::from_block(&block.rows, channels)?;
         worker.add(&block.rows, &block.labels)
     };
@@ -200,7 +200,7 @@ pub fn sum_groups(
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PolynomialProblem {
     pub(super) model: Model,
-    /// Refined QR replaces the exact solver where necessary.
+    /// Refined QR replaces the exact solver for rows that it cannot take.
     pub(super) solver: SolverKind,
     pub(super) ridge: f64,
     pub(super) truncate: Option<f64>,
@@ -217,8 +217,8 @@ pub(super) struct Solved {
     pub(super) sums: Option<ExactSums>,
 }
 
-/// `total` has the exact sums, if they exist; `sample` is for solvers that need sizes before the
-/// first pass.
+/// Solves by the requested solver. `total` has the exact sums of the rows, if they already exist;
+/// `sample` is a sample of the rows, for solvers that need their sizes before the first pass.
 pub(super) fn solve(
     problem: &PolynomialProblem,
     total: Option<&ExactSums>,
@@ -239,7 +239,7 @@ pub(super) fn solve(
         }
         solver = SolverKind::RefinedTsqr;
     }
-    // From a sample, unless the solution depends on centre and scale.
+    // Centre and scale come from a sample, unless the solution depends on them.
     let is_penalised = ridge > 0.0
         || solver == SolverKind::RidgeGcv
         || (solver == SolverKind::Svd && truncate.is_some());

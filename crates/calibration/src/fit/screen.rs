@@ -156,7 +156,7 @@ impl Verdict<'_> {
 /// Number of days on which rows were recorded, if their times are calendar times.
 fn days(data: &Dataset) -> usize {
     const DAY_S: f64 = 86_400.0;
-    // From 2001 on; no clock that starts with a recording runs that long.
+    // Times from 2001 on; a clock that starts with a recording does not run that long.
     const CALENDAR_S: f64 = 1e9;
     let firsts = data.blocks().filter_map(|(_, block)| block.rows.time_s.first());
     let days = firsts.filter(|time| **time > CALENDAR_S).map(|time| (time / DAY_S) as u64);
@@ -204,7 +204,7 @@ impl Screen {
     }
 }
 
-/// The first line begins with the label.
+/// Wraps text to lines; the first line begins with the label.
 fn wrapped(label: &str, indent: usize, text: &str) -> Vec<String> {
     let mut lines = vec![format!("{label:<indent$}")];
     for word in text.split(' ') {

@@ -8,10 +8,10 @@ use crate::validation::excitation::Gap;
 use sensor_physics::COVERAGE_LEVEL;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// A larger error, as a share of the loads (both root mean squares), makes an axis useless.
+/// An axis is useless if its error is a larger share of its loads, both as root mean squares.
 const USELESS: f64 = 0.5;
 
-/// Rows whose standard errors are averaged.
+/// Number of rows whose standard errors are averaged for the width of the interval.
 const ROWS_OF_INTERVAL: u64 = 1024;
 
 /// Least 1 − leverage: a fit says next to nothing about a row beyond.
@@ -40,8 +40,8 @@ pub struct UnseenErrors {
     pub share_of_range: PerAxis<Option<f64>>,
     /// The rows with these errors.
     pub on: UnseenRows,
-    /// Factor by which errors may be larger in a new file, from the scatter between files; `None`
-    /// without files.
+    /// The factor by which errors may be larger in a new file, from the scatter between files;
+    /// `None` if no files were held out.
     pub spread: Option<PerAxis<f64>>,
 }
 
@@ -193,7 +193,7 @@ impl Verdict<'_> {
 }
 
 impl UnseenRows {
-    /// How errors were found, after the name of the model.
+    /// Describes how errors were found; the text follows the name of the model.
     pub(super) fn words(&self) -> String {
         match *self {
             Self::Test(rows) => format!("judged by {rows} test rows"),

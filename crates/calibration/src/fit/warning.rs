@@ -90,8 +90,8 @@ fn names(channels: &[usize]) -> String {
     names.join(", ")
 }
 
-/// More than half as many features as groups leave too little to estimate errors from, whatever the
-/// rank.
+/// The number of features is more than half the number of groups. Regardless of the rank, too
+/// little is then left of the groups to estimate errors from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FewGroups {
     /// Number of features of the model.

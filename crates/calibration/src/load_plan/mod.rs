@@ -61,8 +61,8 @@ pub struct Coupling {
     pub second: Axis,
     /// Correlation of the two axes.
     pub correlation: f64,
-    /// Candidate that lowers the correlation most, and the correlation after it; `None` if none
-    /// lowers it by a hundredth.
+    /// Candidate that lowers the correlation most, and the correlation after it; `None` if no
+    /// candidate lowers it by a hundredth.
     pub broken_by: Option<(usize, f64)>,
 }
 

@@ -6,13 +6,13 @@ use sensor_physics::response::{Answer, Parameters};
 use sensor_physics::{PhysicsCalibration, PhysicsModel, Sensor};
 use shell_data::wrench::PerAxis;
 
-/// 1, w (6) and w·w (21).
+/// Number of terms: 1, w (6) and w·w (21).
 const TERMS: usize = 28;
-/// Prior variances of the terms of first and second order, with loads in units of the largest of
-/// each axis, in variances of one pose. Tenfold values hardly change the order.
+/// Prior variances of the terms of first and of second order, with loads in units of the largest of
+/// each axis, in variances of one pose. Tenfold values hardly change the order of loads.
 const FIRST_ORDER: f64 = 1e4;
 const SECOND_ORDER: f64 = 25.0;
-/// One standard error, for normal errors.
+/// Level of an interval of one standard error, for normal errors.
 const ONE_SIGMA: f64 = 0.683;
 
 /// `C·x`.
@@ -25,8 +25,8 @@ fn variance<const N: usize>(c: &[[f64; N]; N], x: &[f64; N]) -> f64 {
     dot(&times(c, x), x).max(0.0)
 }
 
-/// Updates the covariance `C` of `p` by an observation of `xᵀp` with this variance:
-/// `C − Cx(Cx)ᵀ/(noise + xᵀCx)` (Golub & Van Loan, 4th ed., §2.1.4).
+/// Replaces the covariance `C` of `p` by the covariance after an observation of `xᵀp` with this
+/// variance: `C − Cx(Cx)ᵀ/(noise + xᵀCx)` (Golub & Van Loan, 4th ed., §2.1.4).
 pub(super) fn observe<const N: usize>(c: &mut [[f64; N]; N], x: &[f64; N], noise: f64) {
     let cx = times(c, x);
     let divisor = noise + dot(&cx, x).max(0.0);
@@ -82,13 +82,13 @@ impl Surface {
         variance(&self.covariance, &self.terms(load)).ln_1p()
     }
 
-    /// Root of the mean variance of a response, in standard deviations of one pose.
+    /// Root of the mean variance of a response over some loads, in standard deviations of one pose.
     fn error(&self, range: &[PerAxis<f64>]) -> f64 {
         let variances = range.iter().map(|load| variance(&self.covariance, &self.terms(load)));
         (variances.sum::<f64>() / range.len().max(1) as f64).sqrt()
     }
 
-    /// Reduction of the mean variance of a response over `range`.
+    /// Reduction of the mean variance of a response over `range` by a load.
     fn variance_gain(&self, load: &PerAxis<f64>, range: &[PerAxis<f64>]) -> f64 {
         let of_load = self.terms(load);
         let known = times(&self.covariance, &of_load);
@@ -184,7 +184,7 @@ impl SensorKnowledge {
     }
 }
 
-/// More loads do not change any order.
+/// Most loads over which variances are averaged: more do not change any order.
 const MOST_OF_RANGE: usize = 120;
 
 /// An order of loads.
@@ -253,7 +253,7 @@ pub enum PredictedError {
 
 impl PredictedError {
     /// Returns true if every force is within `force_n`, and every moment within `moment_nm`, where
-    /// given; false without readings, because errors in N are then unknown.
+    /// these are given; false without readings, because errors in N are then unknown.
     pub fn is_within(&self, force_n: Option<f64>, moment_nm: Option<f64>) -> bool {
         let Self::Wrench(errors) = self else { return false };
         let within = |errors: &[f64], limit: Option<f64>| {
@@ -264,8 +264,8 @@ impl PredictedError {
 }
 
 impl<'a> Planner<'a> {
-    /// Creates a planner after `loads`, without a model of the sensors or with one that already
-    /// includes the loads that it was fitted to.
+    /// Creates a planner after `loads`: without a model of the sensors, or with a model that
+    /// already includes the loads that it was fitted to.
     pub fn new(
         sensors: Option<SensorKnowledge>,
         order: Order,
@@ -303,7 +303,7 @@ impl<'a> Planner<'a> {
         }
     }
 
-    /// More is better.
+    /// Value of each remaining load; more is better.
     fn worths(&self) -> Vec<f64> {
         let loads = self.left.iter().map(|&position| &self.candidates[position]);
         match (self.order, &self.knowledge) {
@@ -328,7 +328,7 @@ impl<'a> Planner<'a> {
 impl Iterator for Planner<'_> {
     type Item = PlannedLoad;
 
-    /// Takes the most valuable load, the first of equals.
+    /// Takes the most valuable of the remaining loads; the first of equals.
     fn next(&mut self) -> Option<PlannedLoad> {
         let worths = self.worths();
         let best =

@@ -20,8 +20,8 @@ use sensor_physics::{Choice, Inversion, Observation, PhysicsModel, wrench_scale}
 use shell_data::random::{Purpose, RandomStream};
 use shell_data::wrench::PerAxis;
 
-/// Poses per step: the model is refitted after every pose at first, and after `n/16` more from `n`
-/// on.
+/// Number of poses per step: the model is refitted after every pose at first, and after `n/16` more
+/// poses from `n` poses on.
 const STEP_SHARE: usize = 16;
 
 /// Options of a replay.
@@ -67,12 +67,12 @@ pub enum ReplayError {
     Fit(#[from] FitError),
 }
 
-/// All observations with one label.
+/// One pose: all observations with one label.
 type ReplayPose<'a> = Vec<&'a Observation>;
 
 impl Replay {
-    /// Replays `observations` in every order, on several threads, with the same result for any
-    /// number.
+    /// Replays `observations` in every order, split by split on several threads; the result does
+    /// not depend on the number of threads.
     ///
     /// # Errors
     /// [`ReplayError`] if the poses outside the held-out set do not determine a model.

@@ -20,7 +20,7 @@ fn loads(count: usize, seed: u64) -> Vec<PerAxis<f64>> {
     (0..count).map(|_| load(&mut random)).collect()
 }
 
-/// Eight sensors, each sensitive to a different direction.
+/// Parameters of eight sensors, each sensitive to a different direction.
 fn parameters(sensor: usize) -> Parameters {
     let mut random = Random(77 + sensor as u64);
     let mut gain = || 2.4 * random.unit() - 1.2;
@@ -28,7 +28,7 @@ fn parameters(sensor: usize) -> Parameters {
     [0.15 * sensor as f64 - 0.5, fx, fy, fz, mx, my, mz, 0.0, 0.0, 0.1]
 }
 
-/// Noise of this many counts on 1000.
+/// Readings of these sensors, with noise of this many counts on 1000.
 fn observe(group: u64, wrench: PerAxis<f64>, noise: f64, random: &mut Random) -> Observation {
     let scale = [2.9, 2.9, 2.9, 0.115, 0.115, 0.115];
     let x: PerAxis<f64> = std::array::from_fn(|axis| wrench[axis] / scale[axis]);

@@ -50,8 +50,8 @@ impl ChangedQuantity {
 /// Larger differences after all changes, in stated errors, cannot come from changes of these kinds.
 const CONTRADICTION: f64 = 2.0;
 
-/// Widest priors: a zero as a share of the calibrated range, a relative gain, a lever in m, a turn
-/// in rad.
+/// Standard deviations of the widest priors: a zero as a share of the calibrated range of the
+/// channel, a relative gain, a lever in m, a turn in rad.
 const ZERO: f64 = 0.08;
 const GAIN: f64 = 0.16;
 const LEVER_M: f64 = 8e-3;
@@ -69,8 +69,8 @@ const SHARES: [f64; 6] = [0.0, 0.0625, 0.125, 0.25, 0.5, 1.0];
 const FIRST_SHARE: f64 = 0.25;
 const SWEEPS: usize = 4;
 
-/// Least log evidence of a change. e⁶ is 400 to 1, because errors of a calibration at a few loads
-/// are not white noise.
+/// A change is accepted if it makes the observations this much more probable. e⁶ is 400 to 1,
+/// because errors of a calibration at a few loads are not white noise.
 const LEAST_LN_EVIDENCE: f64 = 6.0;
 
 /// A few loads on a calibrated sensor.
@@ -164,7 +164,7 @@ impl Calibration {
         if !observations.iter().all(is_finite) {
             return Err(RecalibrationError::NotFinite);
         }
-        // Ratio of the variances of held-out errors to the variances of the physics model.
+        // Ratio of the variances of held-out errors to those of the physics model.
         let held_out_variance = match &self.kind {
             Kind::Polynomial(_) => {
                 if !self.axes.of(&loads.calibration_errors).into_iter().all(|error| error > 0.0) {
@@ -176,8 +176,8 @@ impl Calibration {
                 of.error_scale.iter().map(|scale| scale * scale).sum::<f64>() / 6.0
             }
         };
-        // Errors as large as on held-out loads decide if anything has changed; the variances of the
-        // readings decide what, because a wrench hides some of it.
+        // Errors as large as those on held-out loads decide if anything has changed. The variances
+        // of the readings themselves decide what has changed, because a wrench hides some of it.
         let cautious = ChangeSearch::new(self, loads, held_out_variance);
         let found = cautious.find(true);
         let outcome = match found.ln_evidence > LEAST_LN_EVIDENCE {

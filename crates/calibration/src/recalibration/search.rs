@@ -32,11 +32,11 @@ struct Unknown {
     sd: f64,
 }
 
-/// Width of each quantity's prior, as a share of the widest; 0 for no change.
+/// Width of the prior of each quantity, as a share of the widest; 0 for no change.
 pub(super) type Shares = [f64; ChangedQuantity::ALL.len()];
 
-/// Sums over the differences `c + J·x` in stated errors; `x` are the unknowns in standard
-/// deviations of their widest priors.
+/// Sums over the differences `c + J·x` of some observations in their stated errors; `x` are the
+/// unknowns in standard deviations of their widest priors.
 #[derive(Clone, Debug)]
 struct ChangeEquations {
     /// `JᵀJ`.
@@ -50,7 +50,7 @@ struct ChangeEquations {
 struct Posterior {
     mean: Vec<f64>,
     errors: Vec<f64>,
-    /// Least sum of squares, in stated errors.
+    /// Least sum of squares of differences and unknowns in their stated errors.
     cost: f64,
     ln_evidence: f64,
 }
@@ -61,7 +61,7 @@ pub(super) struct FoundChange {
     pub(super) change: Change,
     pub(super) standard_errors: Change,
     pub(super) held_out: BTreeMap<u64, Change>,
-    /// How much more probable the observations are than without a change.
+    /// Log evidence: how much more probable the observations are than without a change.
     pub(super) ln_evidence: f64,
     /// Before and after the change, in stated errors; the second includes the prior terms.
     pub(super) disagreement: [f64; 2],
@@ -135,8 +135,8 @@ impl<'a> ChangeSearch<'a> {
         search
     }
 
-    /// The change that the observations show, with their most probable priors; none unless
-    /// `is_changed`.
+    /// Finds the change that the observations show, with the priors that make them most probable;
+    /// no change unless `is_changed`.
     pub(super) fn find(&self, is_changed: bool) -> FoundChange {
         let mut at = vec![0.0; self.unknowns.len()];
         let mut shares = Shares::default();
@@ -184,7 +184,7 @@ impl<'a> ChangeSearch<'a> {
         furthest.map_or(0, |(_, observation)| observation.group)
     }
 
-    /// One quantity after another.
+    /// Finds the priors that make the observations most probable, one quantity after another.
     fn most_probable(&self, all: &ChangeEquations) -> Shares {
         let evidence = |shares: &Shares| {
             all.posterior(&self.sds(shares)).map_or(f64::NEG_INFINITY, |of| of.ln_evidence)
@@ -380,8 +380,8 @@ fn covariance_of_readings(model: &PhysicsModel, wrench: &PerAxis<f64>) -> Mat<f6
     })
 }
 
-/// Reading that a gain does not change (the converter's zero, unless the channel is never near it),
-/// and width of the range.
+/// Reading that the gain of each channel does not change, and width of its range. This reading is
+/// the converter's zero, unless the channel is never near it.
 fn channels(calibration: &Calibration) -> Vec<(f64, f64)> {
     let has_constant = calibration.polynomial().is_none_or(|it| it.model().intercept);
     let of_range = |[min, max]: [f64; 2]| {

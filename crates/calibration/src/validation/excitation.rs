@@ -12,7 +12,7 @@ use shell_data::statistics::{MergeWeights, extremes};
 use shell_data::vectorised;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// A sign with a smaller share of an axis's sum of squares is hardly loaded.
+/// Share of an axis's sum of squares below which a sign counts as hardly loaded.
 const SMALL_SHARE: f64 = 0.1;
 
 /// Longest plausible lever: an arm of 1 m has less. Moments with a longer one are in another unit.
@@ -34,7 +34,7 @@ pub struct WrenchSums {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct AxisSums {
     range: ReadingRange,
-    /// Rows above and below zero, and their sums of squares.
+    /// Number of rows above and below zero, and their sums of squares.
     signs: [(u64, f64); 2],
 }
 

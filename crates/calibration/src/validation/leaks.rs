@@ -19,7 +19,7 @@ const KEPT: usize = 4096;
 /// Number of rows that determine the number of digits of loads.
 const DIGIT_ROWS: usize = 256;
 
-/// Further digits of doubles cannot be distinguished.
+/// Digits beyond which doubles cannot be distinguished.
 const MOST_DIGITS: i32 = 12;
 
 /// Sums may be in another order: loads of one file within this share of the range are equal.
@@ -28,7 +28,7 @@ const SAME: f64 = 1e-9;
 /// Fewest rows of a load that determine its readings.
 const FEWEST_ROWS: usize = 4;
 
-/// Fewer loads are not poses.
+/// Fewest loads that count as poses.
 const FEWEST_LOADS: usize = 3;
 
 /// Share of rows at poses of the training rows from which a test says nothing about new poses.
@@ -50,7 +50,7 @@ struct SampledRow {
 /// Last digit of numbers that were rounded to some decimals or to some significant digits.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct LastDigit {
-    /// Last decimal place, as a power of ten.
+    /// Value of the last decimal place, as a power of ten.
     decimal: f64,
     digits: i32,
 }
@@ -58,7 +58,7 @@ struct LastDigit {
 /// Poses at which the rows of a sample were recorded.
 #[derive(Clone, Debug)]
 pub struct RecordedPoses {
-    /// Ascending by the load on the first axis.
+    /// Poses, ascending by the load on the first axis.
     poses: Vec<RecordedPose>,
     sample: RowSample,
     range: PerAxis<f64>,
@@ -151,13 +151,13 @@ impl RowSample {
             readings: spans(rows.iter().map(|&row| &self.rows[row])),
             rows,
         };
-        // Ascending, because the rows were divided along the first axis first.
+        // The order is ascending because the rows were divided along the first axis first.
         let poses = of_one_load.into_iter().map(pose).collect();
         Some(RecordedPoses { poses, sample: self, range })
     }
 
-    /// Divides rows where the load on an axis steps by more than `step`, ascending; drops parts of
-    /// a few rows.
+    /// Divides rows where the load on an axis steps by more than `step`, in ascending order; drops
+    /// parts of a few rows.
     fn divide(&self, mut rows: Vec<usize>, axis: usize, step: f64) -> Vec<Vec<usize>> {
         let load = |row: &usize| self.rows[*row].load[axis];
         rows.sort_unstable_by(|a, b| load(a).total_cmp(&load(b)));
@@ -171,7 +171,7 @@ impl LastDigit {
     fn new(values: impl Iterator<Item = f64>) -> Self {
         let mut finest = Self { decimal: 1.0, digits: 1 };
         for value in values {
-            // Conversion of units leaves digits at the end.
+            // Conversion of units leaves digits at the very end.
             let text = format!("{value:.*e}", (MOST_DIGITS - 1) as usize);
             let (mantissa, exponent) = text.split_once('e').unwrap_or((&text, "0"));
             let mantissa = mantissa.trim_end_matches('0').trim_end_matches('.');
@@ -219,7 +219,7 @@ impl RecordedPoses {
         (rows > 0).then(|| test.rows.iter().filter(is_at).count() as f64 / rows as f64)
     }
 
-    /// Rows whose pose also has rows of other groups.
+    /// Share of the rows whose pose also has rows of other groups.
     fn share_in_several_groups(&self) -> f64 {
         let (mut shared, step) = (0, self.sample.reading_step());
         for pose in &self.poses {
@@ -260,8 +260,8 @@ fn have(spans: &[ReadingSpan], row: &SampledRow, slack: f64) -> bool {
     })
 }
 
-/// Share of labelled rows whose pose occurs in several groups; `None` without poses. Random labels
-/// give nearly 1.
+/// Share of the rows of a labelled data set whose pose occurs in several groups; `None` if the data
+/// set does not consist of poses. Labels that were assigned at random give nearly 1.
 pub fn share_in_several_groups(data: &Dataset) -> Option<f64> {
     Some(RowSample::from_groups(data).poses()?.share_in_several_groups())
 }

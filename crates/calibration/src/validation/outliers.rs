@@ -56,27 +56,27 @@ pub const LIMIT: f64 = 10.0;
 /// Limit for the distance of a reading from its mean, in standard deviations.
 const FAR: f64 = 8.0;
 
-/// Smaller rows are not tested: the leverage takes time.
+/// Sizes from which a row is tested: the leverage in the test takes time.
 const LOOK_AT_ERROR: f64 = 3.6;
 const LOOK_AT_READING: f64 = 4.5;
 
-/// Limits for a row that dominates a fit: leverage, leverage in averages, jump from both neighbours
-/// in standard deviations, size.
+/// Limits for a row that dominates a fit: its leverage, its leverage in averages, its jump from
+/// both neighbours in standard deviations, and the size of its error.
 const TAKES_OVER: f64 = 0.5;
 const TAKES_OVER_IN_AVERAGES: f64 = 20.0;
 const JUMP: f64 = 2.0;
 const SIZE_WITH_JUMP: f64 = 3.0;
 
-/// Limits for a spike: jump from both neighbours, in standard deviations of the changes of its
-/// channel, and size.
+/// Limits for a spike: its jump from both neighbours, in standard deviations of the changes of its
+/// channel, and the size of its error.
 const SPIKE: f64 = 6.0;
 const SIZE_WITH_SPIKE: f64 = 4.0;
 
-/// Rows before and after a slip of one or two at which its error has halved; errors of fast motion
-/// grow and fade over some rows.
+/// Distances, in rows before and after a slip of one row or two, at which its error has halved.
+/// Errors of fast motion grow and fade over some rows.
 const BESIDE: [[usize; 2]; 3] = [[1, 1], [1, 2], [2, 1]];
 
-/// Smaller errors, as a share of the standard deviation of the load, are rounding.
+/// Errors below this share of the standard deviation of the load are rounding.
 const SMALLEST_NOISE: f64 = 1e-4;
 
 /// A test of rows by a fit.
@@ -103,16 +103,16 @@ pub struct TestedRow {
     pub size: f64,
     /// Axis of the largest error.
     pub axis: usize,
-    /// The neighbours have smaller errors, and the load changes by less than the error.
+    /// True if the neighbours have smaller errors, and the load changes by less than the error.
     errs_alone: bool,
     /// The largest distance of a reading from its mean, in standard deviations.
     far: f64,
-    /// True if that reading is far from both neighbours, too.
+    /// True if that reading is also far from both neighbours.
     is_far_alone: bool,
     /// A reading jumps from both neighbours, and the leverage is high enough to dominate the fit.
     takes_over: bool,
-    /// A reading jumps from both neighbours by more than its channel changes, with an error that
-    /// large.
+    /// True if a reading jumps from both neighbours by more than its channel changes, and the error
+    /// is that large.
     is_spike: bool,
 }
 
@@ -138,8 +138,8 @@ impl TestedRow {
 }
 
 impl<'a> RowTest<'a> {
-    /// Creates a test from a solution and the spread of its rows; `None` without more rows than
-    /// coefficients.
+    /// Creates a test from a solution and the spread of its rows. `None` if there are no more rows
+    /// than coefficients.
     pub fn new(solution: &Solution, spread: &'a Spread) -> Option<Self> {
         let features = Features::new(solution.model, solution.scaling.clone());
         let free = solution.rows.checked_sub(features.len() as u64).filter(|&free| free > 0)?;
@@ -159,8 +159,8 @@ impl<'a> RowTest<'a> {
         })
     }
 
-    /// Largest size of rows that are not [suspects](Self::suspects) of a fit with `noise` and these
-    /// predictions.
+    /// Largest size of the errors of rows that are not [suspects](Self::suspects) of a fit with
+    /// `noise`, if both fits predict the same.
     pub fn largest_unseen(&self, noise: &PerAxis<f64>) -> f64 {
         let sizes = noise.iter().zip(&self.noise).map(|(noise, own)| LOOK_AT_ERROR * noise / own);
         sizes.fold(0.0, f64::max)
@@ -173,8 +173,8 @@ impl<'a> RowTest<'a> {
         excess.iter().enumerate().filter(|(_, excess)| **excess > 1.0).map(|(row, _)| row).collect()
     }
 
-    /// Tests a few ascending rows of a block by a fit that `has_left_out` some of them; predicts
-    /// only their wrench and their neighbours'.
+    /// Tests a few rows of a block, in ascending order, by a fit that `has_left_out` some of them.
+    /// Predicts only the wrench of these rows and their neighbours.
     pub fn test(
         &self,
         block: &Block,
@@ -192,7 +192,7 @@ impl<'a> RowTest<'a> {
             let TestPosition { row, at, .. } = position;
             // A fit follows a row of leverage one regardless of its values: its residual is
             // rounding. The three values are the variance of the row's error, its leverage in a fit
-            // that includes it, and the factor from its error to that of a fit without it.
+            // that includes it, and the factor from its error to the error of a fit without it.
             let (variance, in_fit, deleted) = match has_left_out(row) {
                 true => (1.0 + leverage, leverage / (1.0 + leverage), 1.0),
                 false => ((1.0 - leverage).max(1e-9), leverage, (1.0 - leverage).max(1e-9).recip()),
@@ -271,8 +271,8 @@ impl TestPosition {
     }
 }
 
-/// Copies of some ascending rows with their neighbours, and the positions of the rows among the
-/// copies.
+/// Copies of some rows of a block, in ascending order, with their neighbours, and the positions of
+/// the rows among the copies.
 fn copy_rows(rows: &[usize], block: &Block) -> (Block, Vec<TestPosition>) {
     const REACH: usize = 2;
     let mut copies = Block::default();
@@ -309,7 +309,7 @@ vectorised! {
             for (excess, of) in rows.iter_mut().zip(column.windows(3)) {
                 raise(excess, jump(of[1], [of[0], of[2]]) * scale);
             }
-            // The first and the last row have one neighbour in the block.
+            // The first and the last row have one neighbour here: the other is in another block.
             if let ([first, second, ..], [.., before, last]) = (&column[..], &column[..]) {
                 raise(&mut excess[0], jump(*first, [*second; 2]) * scale);
                 raise(&mut excess[block.rows - 1], jump(*last, [*before; 2]) * scale);
@@ -319,14 +319,14 @@ vectorised! {
     }
 }
 
-/// Zero in units of a zero limit is NaN and raises nothing.
+/// Raises `excess` to `to`. If a limit is zero, zero in its units is NaN and raises nothing.
 #[inline(always)]
 fn raise(excess: &mut f64, to: f64) {
     *excess = if to > *excess { to } else { *excess };
 }
 
-/// Largest distance of a reading from its mean, in standard deviations; true if it is also half the
-/// limit away from both neighbours.
+/// Largest distance of a reading of a row from its mean, in standard deviations. The second value
+/// is true if the reading is also half the limit away from both neighbours.
 fn distance(columns: &Block, spread: &Spread, position: TestPosition) -> (f64, bool) {
     let far = |(channel, column): (usize, &Vec<f64>)| {
         (channel, spread.apart(channel, column[position.at], spread.means[channel]))
@@ -347,8 +347,8 @@ fn change(values: &[f64], position: TestPosition) -> f64 {
     beside.map(|at| (values[position.at] - values[at]).abs()).fold(0.0, f64::max)
 }
 
-/// Returns true if a reading jumps from both neighbours by `limit` times the deviation of its
-/// channel.
+/// Returns true if a reading of a row jumps from both neighbours by `limit` times the deviation of
+/// its channel.
 fn jumps(columns: &Block, deviations: &[f64], limit: f64, position: TestPosition) -> bool {
     let [before, after] = [position.before(1), position.after(1)];
     let (Some(before), Some(after)) = (before.or(after), after.or(before)) else { return false };
@@ -370,7 +370,7 @@ fn jump(value: f64, [before, after]: [f64; 2]) -> f64 {
 /// The spread of readings and loads.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Spread {
-    /// Readings of each channel, then axes of the wrench.
+    /// Means of the readings of each channel, then of the axes of the wrench.
     pub(super) means: Vec<f64>,
     /// Standard deviations of the readings and of the wrench, in the same order.
     pub(super) deviations: Vec<f64>,
@@ -381,7 +381,7 @@ pub struct Spread {
 impl Spread {
     /// The spread of a data set, from rows spread over all of it.
     pub fn new(data: &Dataset, workers: Workers<'_>) -> Result<Self, FitError> {
-        /// Enough rows for a standard deviation to one percent.
+        /// This number of rows determines a standard deviation to one percent.
         const ENOUGH: u64 = 8192;
         let step = (data.rows() / ENOUGH).max(1) as usize;
         let blocks: Vec<&Block> = data.blocks().map(|(_, block)| &*block.rows).collect();
@@ -392,7 +392,7 @@ impl Spread {
             Ok(())
         };
         let of_block = |(): &mut (), block: &&Block| Ok(sampled_spread(block, step));
-        // Other passes count these rows for progress.
+        // Other passes count these rows for the progress bar.
         let workers = Workers { watch: None, ..workers };
         each(&blocks, |block| block, workers, || (), of_block, merge)?;
         let readings = columns.len().saturating_sub(Axis::ALL.len()) / 2;
@@ -412,8 +412,8 @@ impl Spread {
     }
 }
 
-/// Mean and variance of the readings, the wrench, and the changes of the readings from row to row,
-/// of every `step`-th run of rows.
+/// Mean and variance of each column of a block: of readings and wrench, then of the changes of the
+/// readings from row to row. Uses only every `step`-th run of rows.
 fn sampled_spread(block: &Block, step: usize) -> Vec<RunningVariance> {
     /// Rows of a run, if `step` is more than one.
     const RUN: usize = 32;

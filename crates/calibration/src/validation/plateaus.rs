@@ -92,7 +92,7 @@ fn differences(values: &[f64]) -> Vec<f64> {
     values.windows(2).map(|pair| pair[1] - pair[0]).collect()
 }
 
-/// 0 for no values.
+/// Value that a share of `values` does not exceed; 0 for no values.
 fn quantile(values: &mut [f64], share: f64) -> f64 {
     let Some(last) = values.len().checked_sub(1) else { return 0.0 };
     let at = (share * last as f64) as usize;
@@ -120,12 +120,12 @@ pub struct Level<const N: usize> {
     /// The mean of each column.
     pub mean: [f64; N],
     squares: [f64; N],
-    /// Mean position of the rows, sum of their squared distances from it, and sums of products of
-    /// these distances with the loads.
+    /// Mean position of the rows, sum of their squared distances from it, and sums of the products
+    /// of these distances with the loads.
     position: f64,
     place_squares: f64,
     products: [f64; N],
-    /// The clock restarted before it.
+    /// True if the level begins because the clock restarted.
     is_parted: bool,
 }
 
@@ -227,7 +227,7 @@ impl<const N: usize> PlateauFinder<N> {
     }
 
     fn begin(&mut self, level: Level<N>) {
-        // Bounds the memory: too many levels are useless.
+        // Replaces the last level if there are too many to be of use: memory stays bounded.
         if self.levels.len() > 8 * MAX_GROUPS {
             self.levels.pop();
         }
@@ -254,7 +254,7 @@ impl<const N: usize> PlateauFinder<N> {
         })
     }
 
-    /// Merges neighbours that are closer than a share of the range.
+    /// Levels, after a merge of neighbours that are closer than a share of the range.
     fn merged(&self, ranges: &[f64; N], same: f64) -> Vec<Level<N>> {
         let is_same = |a: &Level<N>, b: &Level<N>| {
             (0..N).all(|axis| (a.mean[axis] - b.mean[axis]).abs() <= same * ranges[axis])

@@ -14,9 +14,9 @@ const FILL: Colour = Colour(0xd8e6f0);
 /// Most values of a condition that are drawn as points: their quartiles say little.
 const MOST_POINTS: usize = 12;
 
-/// Draws a box per condition, in the order of `rows`: quartiles, median, Tukey's whiskers, outliers
-/// as open circles, the mean as a diamond, up to twelve values as points. Left per trial, right per
-/// stride; quantities without values are omitted.
+/// Draws a box for every condition, in the order of `rows`: quartiles and median, Tukey's whiskers,
+/// outliers as open circles, the mean as a diamond, up to twelve values as points. Left per trial,
+/// right per stride. Quantities without values are omitted.
 pub fn box_figure(size: Size, title: &str, rows: &[ConditionRow]) -> Figure {
     let of = |quantity: Quantity, per: Per| -> Vec<&ConditionRow> {
         rows.iter().filter(|row| row.quantity == quantity && row.per == per).collect()
@@ -130,7 +130,7 @@ fn draw_box(canvas: &mut Figure, x: f64, half: f64, s: &Statistics, position: im
         canvas.ring((x, position(outlier)), 2.8, palette::INK);
     }
     if s.values.len() <= MOST_POINTS {
-        // Left and right of the mean in turn, so that equal values are visible.
+        // Alternately left and right of the mean, so that two equal values are visible.
         for (i, &value) in s.values.iter().enumerate() {
             let aside = if i % 2 == 0 { -0.5 } else { 0.5 };
             draw_point(canvas, x + aside * half, position(value));

@@ -8,7 +8,7 @@ use trial::ConditionRow;
 const LINE: f64 = 12.0;
 const ONE_LINE: f64 = 16.0;
 const MOST_LINES: usize = 4;
-/// Greatest length of upright names, some 35 letters: longer ones would dwarf the panels.
+/// The maximum length of upright names, some 35 letters: longer ones would dwarf the panels.
 const MOST_ROOM: f64 = 190.0;
 const GAP: f64 = 6.0;
 
@@ -46,8 +46,8 @@ impl Names {
         !self.are_upright() && self.height <= ONE_LINE
     }
 
-    /// Draws a name below an edge. A long name loses its middle, as names differ at their ends; a
-    /// tooltip shows it whole.
+    /// Draws a name below an edge. A name that is too long loses its middle, as names differ at
+    /// their ends; a tooltip shows the whole name.
     fn draw(&self, canvas: &mut Figure, (x, edge): (f64, f64), name: &str) {
         let lines = self.shortened(name);
         let title = (lines != self.broken(name)).then_some(name);
@@ -71,7 +71,7 @@ impl Names {
         lettering::width(line, self.style) <= self.room
     }
 
-    /// Breaks into lines as full as possible; a part without a separator may be too long.
+    /// Breaks the name into lines as full as possible; a part without a separator may be too long.
     fn broken(&self, name: &str) -> Vec<String> {
         let mut lines: Vec<String> = vec![String::new()];
         for part in parts(name) {
@@ -98,7 +98,7 @@ impl Names {
     }
 }
 
-/// Parts end with a separator; a minus before a number is none.
+/// Splits a name into parts that end with a separator. A minus before a number is not a separator.
 fn parts(name: &str) -> Vec<&str> {
     let mut parts = Vec::new();
     let (mut start, mut before) = (0, ' ');
@@ -118,13 +118,13 @@ fn parts(name: &str) -> Vec<&str> {
 
 const SMALL: Style = Style { size: 9.0, ..Style::LABEL };
 
-/// Conditions and their numbers of values. Upright conditions appear only below the last panel of a
-/// column, whose boxes are aligned.
+/// The labels below the boxes: the conditions, and the number of values of each. Upright conditions
+/// appear only below the last panel of a column, as the boxes of all its panels are aligned.
 pub(super) struct BoxLabels<'a> {
     conditions: Vec<&'a str>,
     names: Names,
     counts: Names,
-    /// `n` appears once beside the numbers, because it does not fit before each.
+    /// True if `n` appears once beside the numbers, because it would not fit before each.
     is_counted_once: bool,
 }
 
@@ -158,7 +158,7 @@ impl<'a> BoxLabels<'a> {
         if self.names.are_upright() { -3.0 } else { self.names.height - 3.0 }
     }
 
-    /// `is_last`: in its column.
+    /// Draws the labels below a panel; `is_last` is for the last in its column.
     pub(super) fn draw(
         &self,
         canvas: &mut Figure,

@@ -16,7 +16,7 @@ use super::trace::{TraceCurve, draw_curves};
 use shell_data::statistics::upper_median;
 use trial::Trace;
 
-/// A column of 88 mm at twice its size.
+/// Width of a figure on a screen: a column of 88 mm at twice its size.
 const WIDTH: f64 = 680.0;
 const TOP: f64 = 58.0;
 
@@ -28,7 +28,7 @@ fn titled(size: Size, height: f64, title: &str) -> Figure {
     Figure::titled(size, size.width(WIDTH), height, title)
 }
 
-/// Curves differ in style too, as grey print hides colours.
+/// The pen of a curve; curves differ in style too, as colours cannot be distinguished in grey.
 type CurvePen = (Colour, Pen);
 
 const SOLID: CurvePen = (palette::series(0), Pen::Round(1.6));
@@ -36,7 +36,7 @@ const DASHED: CurvePen = (palette::series(1), Pen::Dashed(1.6));
 const PALE: [CurvePen; 2] =
     [(Colour(0x9cc6e3), Pen::Round(0.8)), (Colour(0xf3c29d), Pen::Round(0.8))];
 
-/// Keeps as few points as draw the same line.
+/// A quantity over time, kept in as few points as draw the same line.
 fn line(time_s: &[f64], values: impl IntoIterator<Item = f64>) -> TraceCurve {
     let values: Vec<f64> = values.into_iter().collect();
     let mut line = TraceCurve::default();
@@ -44,7 +44,7 @@ fn line(time_s: &[f64], values: impl IntoIterator<Item = f64>) -> TraceCurve {
     line
 }
 
-/// Means over `width_s` around each ascending time; NaN if the interval is cut off.
+/// Means over `width_s` around each time, NaN if the interval is cut off; the times ascend.
 pub fn smoothed(time_s: &[f64], values: &[f64], width_s: f64) -> Vec<f64> {
     let mut sums = vec![0.0];
     for (i, value) in values.iter().enumerate() {
@@ -109,7 +109,7 @@ fn top_below<'a>(size: Size, keys: impl IntoIterator<Item = &'a LegendKey<'a>>) 
     TOP + LEGEND_PITCH * rows.saturating_sub(1) as f64
 }
 
-/// Draws a legend above a panel, on paper in as many rows as needed.
+/// Draws a legend above a panel, from its left, in one row, or on paper in as many rows as needed.
 fn draw_legend<'a>(
     canvas: &mut Figure,
     area: Rect,
@@ -173,8 +173,8 @@ mod tests {
         let means = smoothed(&t_s, &values, 1.05);
         assert!(means[..5].iter().chain(&means[95..]).all(|mean| mean.is_nan()));
         for (mean, value) in means[6..94].iter().zip(&values[6..94]) {
-            // The mean of a straight line is the line; running sums have a hundred values of at
-            // most 30.
+            // The mean of a straight line is the line itself; running sums have a hundred values of
+            // at most 30.
             assert!((mean - value).abs() < 1e-11);
         }
     }
@@ -273,8 +273,8 @@ mod tests {
         }
     }
 
-    /// Asserts the requirements of a paper's page: width, letters of 5 to 7 pt, no text cut off or
-    /// over another.
+    /// Asserts the requirements of a paper's page: the width, letters of 5 to 7 pt, no text cut off
+    /// at the edges or over another.
     fn assert_printable(figure: &Figure, size: Size, width_mm: f64) {
         let svg = figure.svg();
         assert!(svg.contains(&format!("width=\"{width_mm}mm\"")), "{}", &svg[..200]);

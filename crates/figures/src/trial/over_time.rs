@@ -14,8 +14,8 @@ use super::{
 
 const HEIGHT: f64 = 230.0;
 
-/// Draws drag (−Fx) and lift (Fz), N, against time, s: means over a stride, with all values pale
-/// behind. Without strides only the values are drawn.
+/// Draws drag (−Fx) and lift (Fz) in N against time in s, with the passage shaded: means over a
+/// stride, with all values pale in the background. Without strides only the values are drawn.
 pub fn drag_lift_figure(size: Size, title: &str, trace: &Trace, passage: &Passage) -> Figure {
     let (Some(&low), Some(&high)) = (trace.t_s.first(), trace.t_s.last()) else {
         return empty_figure(size, title, "no rows");
@@ -112,7 +112,7 @@ pub fn stack_figure(
 }
 
 impl StackRow {
-    /// A whole turn for angles; otherwise the range of the lines and zero.
+    /// A whole turn for angles; otherwise the range of the lines, including zero.
     fn y_axis(&self) -> PlotAxis {
         let (name, unit) = self.axis;
         match unit {

@@ -13,8 +13,8 @@ const HEIGHT: f64 = 104.0;
 const PITCH: f64 = 134.0;
 const GAP: f64 = 12.0;
 
-/// Draws drag (left) and lift (right), N, over a turn of the right leg, one row per condition: mean
-/// and one standard deviation between strides, on one scale.
+/// Draws drag (left) and lift (right) in N over a turn of the right leg, one row per condition:
+/// mean and one standard deviation between strides. All panels have one scale.
 pub fn phase_figure(size: Size, title: &str, conditions: &[(String, PhaseProfile)]) -> Figure {
     if conditions.is_empty() {
         return empty_figure(size, title, "no strides with forces");
@@ -65,7 +65,7 @@ fn draw_panel(
     let placed = |sign: f64| -> Vec<String> {
         let values: Vec<f64> =
             force.mean_n.iter().zip(&force.sd_n).map(|(mean, sd)| mean + sign * sd).collect();
-        // Values repeat at both ends, so that the curve reaches the edges.
+        // Repeat the values at both ends, so that the curve reaches both edges.
         let n = values.len();
         let turn = (0..n).map(|i| (i, 0.0));
         let around = [(n - 1, -TAU)].into_iter().chain(turn).chain([(0, TAU)]);

@@ -17,22 +17,22 @@ use super::vector::{
     times,
 };
 
-/// Fewest poses for the twelve parameters.
+/// The minimum number of poses for the twelve parameters of an accelerometer.
 const LEAST_POSES: usize = 6;
 
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Accelerometer {
     /// The matrix from logged accelerations to gravity in the sensor's frame, m/s².
     pub matrix: Matrix,
-    /// Gravity at a reading of zero.
+    /// Gravity at an accelerometer reading of zero, m/s².
     pub offset_m_s2: Vector,
     /// Error of gravity per axis; zero if only the accelerometer knows gravity.
     pub residual_rms_m_s2: Vector,
 }
 
 impl Accelerometer {
-    /// Fits to accelerations and the corresponding gravity, m/s². `None` if there are too few
-    /// poses, or gravity does not turn in all three dimensions.
+    /// Fits frame, scale and offsets to accelerations and the corresponding gravity, in m/s².
+    /// Returns `None` if there are too few poses, or gravity does not turn in all three dimensions.
     pub fn fit(accelerations: &[Vector], gravity: &[Vector]) -> Option<Self> {
         let count = accelerations.len();
         if count < LEAST_POSES || count != gravity.len() {
@@ -45,7 +45,7 @@ impl Accelerometer {
         };
         let scatter = sum_of_products(pairs().map(|(_, turn)| (turn, turn)));
         let size = gravity.iter().map(|g| norm(*g)).sum::<f64>() / count as f64;
-        // The volume of the scatter against its size: gravity must not stay in a plane.
+        // Compare the volume of the scatter with its size: gravity must not stay in a plane.
         let determinant = dot(scatter[0], super::vector::cross(scatter[1], scatter[2]));
         let share = determinant.max(0.0).sqrt() / (count as f64).powf(1.5) / size.powi(3);
         if share.is_nan() || share < LEAST_SPREAD {

@@ -6,13 +6,13 @@ use super::fit::{PayloadFit, fit};
 use super::vector::{Vector, dot, mean, subtract};
 use shell_data::wrench::Axis;
 
-/// Larger residuals, as a share of the scatter over poses, are doubtful.
+/// Residuals above this share of the scatter over poses are doubtful.
 const DOUBTED: f64 = 0.5;
-/// Larger residuals start a search for another interpretation of the columns.
+/// Residuals above this share start a search for another interpretation of the columns.
 const SUSPECTED: f64 = 0.1;
 /// Another interpretation must reduce the residual below this share.
 const CURED: f64 = 1.0 / 3.0;
-/// Smallest lever arm of the weight from which residual moments matter, m.
+/// Residual moments matter from this lever arm of the weight on, m.
 const LEVER_M: f64 = 0.005;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,13 +39,13 @@ impl LeftOver {
         self.rms > SUSPECTED * self.scatter
     }
 
-    /// Returns true if an interpretation with this residual is the right one.
+    /// Returns true if another interpretation of the columns, with this residual, is the right one.
     pub fn is_cured_by(&self, rms: f64) -> bool {
         rms < CURED * self.rms
     }
 }
 
-/// Three axes of the wrench about their mean.
+/// RMS of three axes of the wrench about their mean.
 fn scatter(poses: &[PayloadPose], first: usize) -> f64 {
     let part = |pose: &PayloadPose| -> Vector { std::array::from_fn(|i| pose.wrench[first + i]) };
     let middle = mean(poses.iter().map(part));
@@ -70,7 +70,7 @@ impl MomentExchange {
         (0..3).filter(|&axis| self.0[axis] != (axis, false)).count()
     }
 
-    /// All except the identity, with the fewest changes first.
+    /// All exchanges except the identity, with the fewest changes first.
     fn all() -> Vec<Self> {
         let orders = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [2, 1, 0], [1, 2, 0], [2, 0, 1]];
         let signed = |order: [usize; 3]| {
@@ -111,8 +111,8 @@ pub struct MomentDoubt {
     pub cure: Option<(MomentExchange, f64)>,
 }
 
-/// A doubt if most of the moments do not follow gravity, with the exchange of axes after which they
-/// do.
+/// Returns a doubt if most of the moments do not follow gravity, with the exchange of axes after
+/// which they do.
 pub fn moment_doubt(found: &PayloadFit, poses: &[PayloadPose]) -> Option<MomentDoubt> {
     let left = LeftOver::of_moments(found, poses);
     if !left.is_suspected() {

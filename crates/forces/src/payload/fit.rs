@@ -17,11 +17,11 @@ use shell_data::wrench::PerAxis;
 use super::vector::{Vector, add, cross, dot, inverse, mean, norm, scaled, subtract, times};
 use super::{Payload, STANDARD_GRAVITY_M_S2};
 
-/// Least spread of the directions of gravity perpendicular to their main line, rad RMS, that
-/// determines the centre of mass.
+/// The minimum spread of the directions of gravity perpendicular to their main line, rad RMS. With
+/// less spread they do not determine the centre of mass.
 pub const LEAST_SPREAD: f64 = 1e-3;
 
-/// Each gives six equations, and residuals need some to spare.
+/// The minimum number of poses: each gives six equations, and residuals need some to spare.
 const LEAST_POSES: usize = 4;
 
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -72,10 +72,10 @@ pub struct PayloadFit {
     pub residual_rms_n: f64,
     pub residual_rms_nm: f64,
     pub poses: usize,
-    /// Mean over the poses; the mass is a force divided by this.
+    /// Mean magnitude of gravity over the poses, m/s²; the mass is a force divided by this.
     #[serde(default = "standard_gravity")]
     pub gravity_m_s2: f64,
-    /// RMS rotation of gravity: about the axis of the largest rotation, and about all others
+    /// RMS rotation of gravity, rad: about the axis of the largest rotation, and about all others
     /// together.
     pub spread_rad: [f64; 2],
 }
@@ -180,7 +180,7 @@ pub(super) fn spread(
     let count = gravity.len().max(1) as f64;
     let size = gravity.map(norm).sum::<f64>() / count;
     let total: f64 = turns.clone().map(|turn| dot(turn, turn)).sum();
-    // Power iteration; only the size of the main line is needed.
+    // Find the main line by power iteration; only its size is needed.
     let mut line =
         turns.clone().max_by(|a, b| dot(*a, *a).total_cmp(&dot(*b, *b))).unwrap_or_default();
     let mut along = 0.0;
@@ -278,7 +278,7 @@ mod tests {
         for (i, truth) in numbers(&TRUTH).into_iter().enumerate() {
             let squares: f64 = found.iter().map(|one| (one[i] - truth).powi(2)).sum();
             let ratio = (squares / said[i]).sqrt();
-            // 2000 draws determine a standard deviation to 1.6 %; three times that.
+            // 2000 draws determine a standard deviation to 1.6 %; the limit is three times that.
             assert!((ratio - 1.0).abs() < 0.05, "{i}: {ratio}");
         }
     }

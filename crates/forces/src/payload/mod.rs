@@ -35,7 +35,7 @@ pub use vector::{Matrix, Vector, norm, times};
 use shell_data::wrench::PerAxis;
 use vector::cross;
 
-/// The standard value of the third CGPM, 1901.
+/// Gravity by default, m/s² (the standard value of the third CGPM, 1901).
 pub const STANDARD_GRAVITY_M_S2: f64 = 9.806_65;
 
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -43,19 +43,19 @@ pub struct Payload {
     pub mass_kg: f64,
     pub centre_m: Vector,
     pub force_bias_n: Vector,
-    /// T₀.
+    /// T₀, N·m.
     pub moment_bias_nm: Vector,
 }
 
 impl Payload {
-    /// Wrench in apparent gravity, m/s², without the sensor's zero: N and N·m.
+    /// The wrench of the body in apparent gravity, m/s², without the sensor's zero: N and N·m.
     pub fn load(&self, gravity_m_s2: Vector) -> PerAxis<f64> {
         let [x, y, z] = gravity_m_s2.map(|g| self.mass_kg * g);
         let [mx, my, mz] = cross(self.centre_m, [x, y, z]);
         [x, y, z, mx, my, mz]
     }
 
-    /// Largest force at the centre due to turning by 1 rad/s, N.
+    /// The maximum force at the centre due to turning by 1 rad/s, N.
     pub fn turning_n(&self) -> f64 {
         self.mass_kg * norm(self.centre_m)
     }
@@ -66,7 +66,7 @@ impl Payload {
     }
 }
 
-/// Inertial forces that are subtracted in addition to weight.
+/// The inertial forces that are subtracted from a load in addition to weight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Inertia {
     /// None: gravity is from orientations.
@@ -79,12 +79,12 @@ pub enum Inertia {
 #[derive(Clone, Debug, PartialEq)]
 pub struct CarriedLoad {
     pub payload: Payload,
-    /// Apparent gravity at the body's centre, on the clock of the wrench.
+    /// Apparent gravity at the body's centre over time, on the clock of the wrench.
     pub motion: Motion,
     pub inertia: Inertia,
-    /// Factor on accelerations, if their unit differed from that of the poses.
+    /// The factor on accelerations, if their unit differed from that of the poses.
     pub rescaled: Option<f64>,
-    /// Lag of the motion's clock, applied or not.
+    /// The estimated lag of the motion's clock, applied or not.
     pub lag: Option<Lag>,
 }
 
@@ -99,8 +99,8 @@ impl CarriedLoad {
         (!times_s.is_empty()).then(|| sum.map(|sum| sum / times_s.len() as f64))
     }
 
-    /// Subtracts the load at each row's time, and `zero`. Returns the number of rows without a
-    /// known load.
+    /// Subtracts the load at each row's time, and `zero`, from its wrench. Returns the number of
+    /// rows whose load is not known.
     pub fn subtract(
         &self,
         times_s: &[f64],

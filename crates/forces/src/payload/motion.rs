@@ -3,10 +3,10 @@
 use super::vector::{Vector, add, scaled, subtract};
 use shell_data::statistics::upper_median;
 
-/// Usual intervals from the nearest sample beyond which a motion is unknown.
+/// A motion is unknown further than this number of usual intervals from the nearest sample.
 const FAR: f64 = 10.0;
 
-/// Linear between samples and held before the first and after the last.
+/// Apparent gravity over time, linear between samples and held before the first and after the last.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Motion {
     times_s: Vec<f64>,
@@ -18,7 +18,7 @@ pub struct Motion {
 pub enum MotionError {
     #[error("it has `{0}` samples of motion at different times, at least 2 are needed")]
     TooFewSamples(usize),
-    /// The clock was set back between two samples.
+    /// The clock was set back; the fields are the times of two consecutive samples, s.
     #[error("its time goes back from `{before}` to `{after}` s")]
     Backward { before: f64, after: f64 },
 }
@@ -96,7 +96,7 @@ impl<'a> Integral<'a> {
         Self { motion, sums }
     }
 
-    /// Mean over `length_s` after a time minus the mean over `length_s` before it.
+    /// The mean over `length_s` after a time minus the mean over `length_s` before it.
     pub(super) fn step(&self, time_s: f64, length_s: f64) -> Vector {
         let ends = add(self.to(time_s + length_s), self.to(time_s - length_s));
         scaled(subtract(ends, scaled(self.to(time_s), 2.0)), 1.0 / length_s)

@@ -29,7 +29,7 @@ pub fn from_roll_pitch_yaw([roll, pitch, yaw]: Vector) -> Matrix {
     product(&product(&about(2, yaw), &about(1, pitch)), &about(0, roll))
 }
 
-/// The inverse of a rotation.
+/// The transpose, which for a rotation is the inverse.
 pub fn transposed(matrix: &Matrix) -> Matrix {
     std::array::from_fn(|i| std::array::from_fn(|j| matrix[j][i]))
 }
@@ -41,12 +41,12 @@ fn rotation_vector(m: &Matrix) -> Vector {
     scaled(sines, if sine > 1e-12 { 0.5 * angle / sine } else { 0.5 })
 }
 
-/// The nearest rotation or, for a mirroring matrix, that to its negative.
+/// The rotation nearest to a matrix or, for a mirroring matrix, to its negative.
 pub fn nearest_rotation(matrix: &Matrix) -> Matrix {
     let determinant = dot(matrix[0], cross(matrix[1], matrix[2]));
     let size = determinant.cbrt();
     let mut near = matrix.map(|row| scaled(row, 1.0 / size));
-    // Newton's iteration to the orthogonal factor doubles the correct digits per step.
+    // Newton's iteration to the orthogonal factor doubles the number of correct digits per step.
     for _ in 0..30 {
         let other = transposed(&inverse(&near));
         near = std::array::from_fn(|i| scaled(add(near[i], other[i]), 0.5));
@@ -63,7 +63,7 @@ pub fn angular_velocity(times_s: &[f64], rotations: &[Matrix]) -> Vec<Vector> {
     };
     let between: Vec<Vector> = pairs.map(rate).collect();
     let mut found = at_samples(times_s, &between);
-    // Linear extrapolation at the ends: holding the value would halve the slope there.
+    // Extrapolate linearly at the ends: holding the value would halve the slope there.
     if let [first, .., last] = between[..] {
         let end = found.len() - 1;
         found[0] = subtract(scaled(first, 2.0), found[1]);

@@ -52,7 +52,7 @@ pub(super) fn inverse(m: &Matrix) -> Matrix {
     std::array::from_fn(|i| std::array::from_fn(|j| columns[j][i] / determinant))
 }
 
-/// Zero without vectors.
+/// The mean; zero without vectors.
 pub(super) fn mean(vectors: impl ExactSizeIterator<Item = Vector>) -> Vector {
     let count = vectors.len().max(1) as f64;
     scaled(vectors.fold([0.0; 3], add), 1.0 / count)

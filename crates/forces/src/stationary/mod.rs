@@ -29,30 +29,30 @@ pub use watch::{FALSE_ALARMS, QuietLevel, ZeroChange, ZeroMove, ZeroWatch, large
 /// The minimum number of frames of a stationary interval, as in the usual tare.
 pub(crate) const STATIONARY_FRAMES: usize = DEFAULT_TARE_FRAMES;
 
-/// Parts of a stationary interval. Their scatter gives the standard error of its mean even if the
-/// noise of neighbouring frames is correlated.
+/// Number of parts of a stationary interval. Their scatter gives the standard error of its mean
+/// even if the noise of neighbouring frames is correlated.
 pub const PARTS: usize = 5;
 
-/// Limit on the noise relative to the first interval, and on shifts of the zero in units of that
-/// noise.
+/// Limit on the noise of an interval relative to the first one, and limit, in units of that noise,
+/// on the shift of the zero between intervals.
 const QUIET: f64 = 2.0;
 
-/// Limit on shifts of the zero, as a share of the range so far: after loads it returns with
-/// hysteresis.
+/// Limit on the shift of the zero between intervals, as a share of the range so far: after loads
+/// the zero returns with hysteresis.
 const SAME_ZERO: f64 = 0.05;
 
-/// Least noise, as a share of the reading: half a step of a 12-bit converter at mid-range.
+/// The minimum noise, as a share of the reading: half a step of a 12-bit converter at mid-range.
 const LEAST_NOISE: f64 = 2.5e-4;
 
-/// Least time from the first frame of a part to its last, s: ten frames at 100 Hz, with room for an
-/// uneven clock.
+/// Minimum time from the first frame of a part to its last, s: ten frames at 100 Hz, with room for
+/// a slightly uneven clock.
 const PART_S: f64 = 0.085;
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct StationaryInterval {
     pub times_s: Vec<f64>,
     pub readings: Vec<Vec<f64>>,
-    /// Frames in each of its [`PARTS`].
+    /// Number of frames in each of its [`PARTS`].
     pub parts: Vec<usize>,
 }
 
@@ -90,7 +90,7 @@ struct KnownZero {
 pub struct StationaryFinder {
     /// The zero of each channel, once a stationary interval was found.
     known: Vec<KnownZero>,
-    /// Newest complete parts, at most [`PARTS`].
+    /// The newest complete parts, at most [`PARTS`].
     parts: VecDeque<StationaryPart>,
     ended: usize,
     /// Times and readings of these frames and later ones, one column per channel.
@@ -100,8 +100,8 @@ pub struct StationaryFinder {
 }
 
 impl StationaryFinder {
-    /// Takes the next fresh frames, with one column of readings per channel. Passes stationary
-    /// intervals that end among them to `found`, in order.
+    /// Takes the next fresh frames: their times, s, and their readings, one column per channel.
+    /// Stationary intervals that end among them are passed to `found`, in order.
     pub fn look_at(
         &mut self,
         times_s: &[f64],
@@ -139,7 +139,7 @@ impl StationaryFinder {
         }
     }
 
-    /// Forgets the oldest frames: those of whole parts, or all of them.
+    /// Forgets this number of the oldest frames: those of whole parts, or all of them.
     fn forget_first(&mut self, frames: usize) {
         self.ended = self.ended.saturating_sub(frames);
         if self.ended == 0 {
@@ -149,7 +149,7 @@ impl StationaryFinder {
         self.readings.iter_mut().for_each(|column| drop(column.drain(..frames)));
     }
 
-    /// Returns an interval if the part completes one.
+    /// Ends the current part; returns an interval if the part completes one.
     fn end_part(&mut self) -> Option<StationaryInterval> {
         let levels = self.readings.iter().map(|column| RunningVariance::new(&column[self.ended..]));
         let part =
@@ -219,7 +219,7 @@ mod tests {
         ((hash >> 11) as f64 / (1_u64 << 53) as f64 - 0.5) * 12_f64.sqrt()
     }
 
-    /// First and last times of the stationary intervals of one channel at 100 Hz, processed in
+    /// The first and last times of the stationary intervals of one channel at 100 Hz, processed in
     /// pieces.
     fn rests(level: impl Fn(f64) -> f64, seconds: usize, piece: usize) -> Vec<(f64, f64)> {
         let times: Vec<f64> = (0..100 * seconds).map(|i| i as f64 / 100.0).collect();
@@ -245,7 +245,7 @@ mod tests {
 
     #[test]
     fn a_moving_or_held_load_is_not_stationary() {
-        // Loaded from 10 s to 40 s, constant from 20 s on; the zero returns with 3 % hysteresis.
+        // Loaded from 10 s to 40 s, held from 20 s on; the zero returns with 3 % hysteresis.
         let level = |t: f64| match t {
             t if t < 10.0 => 0.0,
             t if t < 20.0 => 500.0 + 300.0 * (9.0 * t).sin(),

@@ -15,13 +15,13 @@ use shell_data::wrench::{Axis, AxisValues, PerAxis};
 
 use super::{PARTS, StationaryFinder, StationaryInterval};
 
-/// Largest share of logs with a constant zero for which a change is reported.
+/// The maximum share of logs with a constant zero for which a change is reported.
 pub const FALSE_ALARMS: f64 = 0.01;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct QuietLevel {
     pub mean: f64,
-    /// RMS distance of a frame from the mean.
+    /// The noise of a frame: RMS distance from the mean.
     pub noise: f64,
     /// Standard error of the mean, from the means of the parts.
     pub standard_error: f64,
@@ -30,9 +30,9 @@ pub struct QuietLevel {
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct ZeroChange {
     pub change: f64,
-    /// A larger change is significant.
+    /// The change counts as significant above this limit.
     pub limit: f64,
-    /// RMS of a frame in the first stationary interval.
+    /// The noise of a frame, RMS in the first stationary interval.
     pub noise: f64,
 }
 
@@ -86,7 +86,7 @@ impl ZeroChange {
     }
 }
 
-/// The largest change beyond its limit, relative to the limit.
+/// The largest of the changes beyond their limits, relative to the limit.
 pub fn largest_change<T: Copy>(
     changes: impl Iterator<Item = (T, ZeroChange)>,
 ) -> Option<(T, ZeroChange)> {
@@ -101,7 +101,7 @@ impl ZeroMove {
         largest_change(self.axes.iter().copied())
     }
 
-    /// `None` if there is no change.
+    /// Describes the change in words; `None` if there is none.
     pub fn in_words(&self) -> Option<String> {
         let (axis, ZeroChange { change, noise, .. }) = self.largest()?;
         let decimals = if axis.is_moment() { 5 } else { 3 };
@@ -123,7 +123,7 @@ pub struct ZeroWatch {
 }
 
 impl ZeroWatch {
-    /// Takes fresh frames, see [`StationaryFinder::look_at`].
+    /// Takes the next fresh frames, see [`StationaryFinder::look_at`].
     pub fn look_at(&mut self, times_s: &[f64], readings: &[Vec<f64>]) {
         let Self { finder, first, last, rests } = self;
         finder.look_at(times_s, readings, &mut |rest| {
@@ -135,7 +135,7 @@ impl ZeroWatch {
         });
     }
 
-    /// `None` with fewer than two stationary intervals.
+    /// The change of the zero; `None` with fewer than two stationary intervals.
     pub fn finish(&self, calibration: &Calibration) -> Option<ZeroMove> {
         let (first, last) = (self.first.as_ref()?, self.last.as_ref()?);
         let levels = [first, last].map(|rest| QuietLevel::from_wrench(calibration, rest));

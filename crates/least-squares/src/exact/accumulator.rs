@@ -30,7 +30,7 @@ pub struct Accumulator {
     channels: Vec<ChannelRange>,
     pub(super) expected: ExpectedRows,
     open: Option<OpenSums>,
-    /// Rows not yet summed, as columns of [`ROWS`] numbers.
+    /// Number of rows not yet summed. They are stored as columns of [`ROWS`] numbers.
     staged: usize,
     readings: Vec<f64>,
     wrench: Vec<f64>,
@@ -168,7 +168,7 @@ impl Accumulator {
         Ok(self.closed.unwrap_or_else(|| ExactSums::with_layout(self.basis, self.layout)))
     }
 
-    /// Checks that readings are integers in some unit, and widens the known ranges.
+    /// Checks that readings are integers in some unit, and widens the known ranges to include them.
     fn widen_ranges<C: AsRef<[f64]>>(&mut self, readings: &[C]) -> Result<(), ExactError> {
         for (i, column) in readings.iter().enumerate() {
             let column = column.as_ref();
@@ -279,7 +279,7 @@ fn distance(channels: &[ChannelRange], centre: &[i64]) -> u32 {
 /// working memory. Results do not depend on this.
 #[derive(Clone, Debug)]
 pub struct Adder {
-    /// An accumulator without rows, with the ranges learned from all others.
+    /// A template accumulator without rows, with the ranges learned from all others.
     empty: Accumulator,
     scratch: Scratch,
 }

@@ -84,7 +84,7 @@ vectorised! {
     }
 }
 
-/// Returns true if the limbs add up to the wrench.
+/// Cuts the wrench into its limbs. Returns true if they add up to it.
 #[inline(always)]
 fn cut_wrench(plan: &SummationPlan, axes: &[f64], wrench: &mut [f64]) -> bool {
     let (squares, cross) = wrench.split_at_mut(plan.square_columns() * ROWS);
@@ -100,7 +100,7 @@ fn cut_wrench(plan: &SummationPlan, axes: &[f64], wrench: &mut [f64]) -> bool {
     true
 }
 
-/// Cuts features with more than one right operand.
+/// Cuts the features that have more than one right operand.
 #[inline(always)]
 fn cut_rights(plan: &SummationPlan, features: &mut [f64]) {
     for columns in plan.firsts.windows(2).filter(|columns| columns[1] - columns[0] > 1) {
@@ -122,8 +122,8 @@ fn cut_lefts(plan: &SummationPlan, lefts: &[LimbColumn], features: &mut [f64]) {
     }
 }
 
-/// Computes `out[l·n + r] = Σ left_l·right_r` over a block, for `n` columns on the right. Left
-/// columns are indices of `columns`. Advances `out` past the filled part.
+/// Computes `out[l·n + r] = Σ left_l·right_r` over the rows of a block, for `n` columns on the
+/// right. Left columns are given by their index in `columns`. Advances `out` past the filled part.
 #[inline(always)]
 pub(crate) fn products<S: Simd>(
     simd: S,
@@ -212,7 +212,7 @@ fn tile<S: Simd, const L: usize, const R: usize>(
     }
 }
 
-/// The length in the type removes bounds checks.
+/// One column. The length is part of the type, which removes bounds checks from loops over columns.
 type ColumnBlock = [f64; ROWS];
 
 #[inline(always)]

@@ -23,17 +23,17 @@ pub(crate) struct DoubleDoubleMatrix {
     upper: Vec<DoubleDouble>,
 }
 
-/// Smallest relative pivot of a factor that is refined.
+/// The smallest relative pivot of the factor with which refinement is attempted.
 const SMALLEST_PIVOT: f64 = 1.0 / (1u64 << 36) as f64;
-/// Largest accepted ratio of a correction to the previous one.
+/// The largest accepted ratio of a correction to the previous one.
 const SLOWEST: f64 = 1.0 / 1024.0;
-/// Smaller corrections, as a share of the solution, are skipped.
+/// Corrections below this fraction of the solution are skipped.
 const DONE: f64 = 1.0 / (1u128 << 72) as f64;
 const MOST_ROUNDS: usize = 6;
 
 impl DoubleDoubleMatrix {
-    /// Builds the matrix from the upper triangle of integers, row by row, each divided by two to
-    /// the power of its row's plus its column's exponent.
+    /// Builds the matrix from the upper triangle of integers, row by row. Each integer is divided
+    /// by two to the power of the exponent of its row plus that of its column.
     pub(crate) fn new(upper: impl Iterator<Item = i128>, exponents: &[i32]) -> Self {
         let size = exponents.len();
         let mut scaled = vec![DoubleDouble::ZERO; size * (size + 1) / 2];

@@ -112,8 +112,8 @@ impl ExactSums {
     }
 }
 
-/// Condition number above which the error of Cholesky may affect the last place of a coefficient a
-/// thousand times smaller than others.
+/// The condition number above which the error of Cholesky, κ²·2⁻¹⁰⁴, may affect the last place of a
+/// coefficient a thousand times smaller than others.
 const REFINE_ABOVE: f64 = 1e5;
 
 /// The relative size of a correction that does not change the coefficients rounded to `f64`.
@@ -197,7 +197,7 @@ impl<'a> IntegerEquations<'a> {
         penalties: &[DoubleDouble],
         coefficients: &mut [AxisRow],
     ) -> Result<(), FitError> {
-        /// Each round gains as many digits as the first solution had.
+        /// Maximum number of rounds. Each gains as many digits as the first solution had.
         const ROUNDS: usize = 8;
         let mut before = f64::INFINITY;
         for _ in 0..ROUNDS {
@@ -216,7 +216,7 @@ impl<'a> IntegerEquations<'a> {
             if largest > DONE && largest >= before || largest.is_nan() {
                 return Err(FitError::NearlyDependent);
             }
-            // The next correction is smaller by the same factor.
+            // The next correction would be smaller by the same factor again.
             if largest < DONE {
                 return Ok(());
             }
@@ -247,8 +247,8 @@ impl<'a> IntegerEquations<'a> {
         residual
     }
 
-    /// Returns each axis's coefficients of the unscaled columns as integers, with their unit's
-    /// exponent.
+    /// Returns for each axis the coefficients of the unscaled columns as integers, with the
+    /// exponent of the power of two that is their unit.
     fn integers(&self, coefficients: &[AxisRow]) -> ([i32; 6], PerAxis<Vec<BigInt>>) {
         let mut units = [0; 6];
         let integers = std::array::from_fn(|axis| {
@@ -286,7 +286,7 @@ impl<'a> IntegerEquations<'a> {
             centre.iter().enumerate().map(|(i, &c)| self.moments.reach(i, c)).collect();
         let reach_of = |term: &Term| term.factors().iter().map(|&c| reach[usize::from(c)]).sum();
         let counted: Vec<i32> = terms.iter().map(reach_of).collect();
-        // From columns of the factor to columns of the centred and scaled feature.
+        // A column of the factor times 2^exponent is the column of the centred and scaled feature.
         let exponents: Vec<i32> =
             counted.iter().zip(columns).map(|(counted, column)| counted - column).collect();
         let stretch = |&c: &u8| {
@@ -333,8 +333,8 @@ impl<'a> IntegerEquations<'a> {
     }
 }
 
-/// The sum of products of the 64-bit halves of integers with the digits of long integers. Partial
-/// sums stay below 2⁹⁶: no carry is needed.
+/// The sum of products of the 64-bit halves of integers with the digits of long integers. The
+/// partial sums stay below 2⁹⁶, so no carry is needed.
 fn product(values: &[i128], half: impl Fn(i128) -> i128, planes: &[Vec<i128>]) -> BigInt {
     let of_plane = |plane: &Vec<i128>| values.iter().zip(plane).map(|(&v, d)| half(v) * d).sum();
     let sums: Vec<i128> = planes.iter().map(of_plane).collect();
@@ -361,8 +361,8 @@ fn penalised_residuals(
         .collect()
 }
 
-/// Condition number of a factor with columns of norm one, to six digits: further ones depend on the
-/// vector width of the processor.
+/// The condition number of a factor with its columns scaled to norm one, rounded to six digits.
+/// Further digits depend on the vector width of the processor.
 fn condition(cholesky: &Bordered) -> f64 {
     let size = cholesky.size;
     let mut r = Mat::<f64>::zeros(size, size);

@@ -94,7 +94,7 @@ impl<'a> PartitionedSums<'a> {
 }
 
 pub(super) fn penalty_of(square: DoubleDouble, ridge: f64) -> DoubleDouble {
-    // Any penalty keeps the coefficient of a zero column at zero.
+    // For a column of zeros, any penalty keeps its coefficient at zero.
     let square = if square == DoubleDouble::ZERO { DoubleDouble::ONE } else { square };
     square * DoubleDouble::from(ridge)
 }
@@ -156,8 +156,8 @@ pub(crate) struct EquationScales {
 }
 
 impl EquationScales {
-    /// Chooses the origin (with an intercept, each channel's rounded mean) and the scales, powers
-    /// of two just above the norms of columns and axes.
+    /// Chooses the origin and the scales. With an intercept, the origin of each channel is its
+    /// rounded mean. The scales are powers of two just above the norms of columns and axes.
     ///
     /// # Errors
     /// [`FitError`] if the features of `model` were not summed, or for zero rows.
@@ -193,7 +193,7 @@ impl EquationScales {
         Ok(Self { columns, axes, positions, units, centre, terms })
     }
 
-    /// Sums over a part, relative to this origin.
+    /// The sums over a part of the rows, relative to this origin.
     pub(crate) fn part(&self, moments: &ExactSums) -> PartSums {
         let moments = moments.in_units(&self.units);
         let (readings, wrench) = moments.about(&self.centre);
@@ -283,7 +283,7 @@ impl ExactFit {
         std::array::from_fn(|axis| errors[axis].quality(rows.total_square(axis)))
     }
 
-    /// Errors with the origin and units of this fit.
+    /// The errors on some rows, with the origin and units of this fit.
     pub(crate) fn errors_on(&self, rows: &ExactSums) -> PerAxis<HeldOutErrors> {
         self.scales.errors(&self.scales.part(rows), &self.counted_coefficients())
     }
@@ -326,8 +326,8 @@ impl ExactFit {
         sums.finish(&factor)
     }
 
-    /// Prediction variance from coefficients with this `scatter`: the mean over the rows of each
-    /// group, in squares of N and N·m.
+    /// The part of the prediction variance that comes from the coefficients with this `scatter`:
+    /// the mean over the rows of each group, in squares of N and N·m.
     pub(crate) fn variances(
         &self,
         scatter: &GroupScatter,
@@ -355,7 +355,7 @@ mod tests {
     use crate::model::{Basis, Model};
     use faer::{Mat, Side};
 
-    /// Seven groups of unequal size, two channels, errors shared within groups.
+    /// Seven groups of unequal size, two channels, and six axes with errors shared within groups.
     fn rows() -> (Vec<Vec<f64>>, Vec<Vec<f64>>, Vec<usize>) {
         let noise = |i: usize| {
             let z = (i as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);

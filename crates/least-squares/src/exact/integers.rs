@@ -5,8 +5,8 @@ use num_traits::{Float, ToPrimitive, Zero};
 
 use crate::double_double::DoubleDouble;
 
-/// Integers times a common power of two, in lowest terms: one is odd, or all are zero and so is the
-/// exponent.
+/// Integers times a common power of two, in lowest terms: at least one is odd, or all are zero and
+/// the exponent is 0.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ScaledIntegers {
     pub(crate) exponent: i32,
@@ -103,7 +103,7 @@ impl DigitPlanes {
     }
 }
 
-/// [`join`], if the result fits in 128 bits.
+/// The result of [`join`], if it fits in 128 bits.
 fn narrow(parts: impl DoubleEndedIterator<Item = i128>, width: u32) -> Option<i128> {
     parts
         .rev()
@@ -128,8 +128,8 @@ pub(crate) fn power_of_two(exponent: i32) -> f64 {
 /// Rounds an integer below 2¹²⁶ to a double-double; exact up to 2¹⁰⁶.
 #[inline(always)]
 pub(crate) fn round(value: i128) -> DoubleDouble {
-    /// Bits per digit. Digits, and the highest with at most 47 bits, are exact in `f64`; head and
-    /// tail hold the sum of two neighbours exactly.
+    /// Bits per digit. These digits, and the highest with at most 47 bits, are exact in `f64`. A
+    /// head and a tail hold the sum of two neighbouring digits exactly.
     const BITS: u32 = 40;
     const MASK: u64 = (1 << BITS) - 1;
     let low = (value as u64 & MASK) as i64;
@@ -140,7 +140,7 @@ pub(crate) fn round(value: i128) -> DoubleDouble {
     DoubleDouble::from_sum(high, middle) + DoubleDouble::from(low as f64)
 }
 
-/// [`round`] is exact for at most this many bits.
+/// Maximum number of bits for which [`round`] is exact.
 const EXACT_BITS: u64 = 106;
 
 /// Rounds `value·2^exponent` to a double-double.
@@ -148,7 +148,7 @@ pub(crate) fn round_scaled(value: &BigInt, exponent: i32) -> DoubleDouble {
     if value.bits() <= EXACT_BITS {
         return shifted(round(value.to_i128().expect("fewer than 128 bits")), exponent);
     }
-    /// Leading bits that affect the result.
+    /// The number of leading bits that affect the result.
     const BITS: u64 = 240;
     let cut = value.bits().saturating_sub(BITS);
     let (value, exponent) = match cut {

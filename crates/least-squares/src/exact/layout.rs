@@ -48,7 +48,7 @@ impl Monomial {
         self.factors.iter().filter(|&&f| usize::from(f) == channel + 1).count()
     }
 
-    /// Removes a factor that the monomial must contain.
+    /// Removes one factor `channel`, which the monomial must contain.
     fn without(&self, channel: usize) -> Self {
         let mut factors = self.factors;
         if let Some(slot) = factors.iter_mut().find(|f| usize::from(**f) == channel + 1) {
@@ -66,7 +66,7 @@ pub(crate) struct ProductGroup {
     pub(crate) right: Range<usize>,
 }
 
-/// One step of moving the origin of a channel: `value[of] −= shift·value[from]`.
+/// The update `value[of] −= shift·value[from]`, one step of moving the origin of a channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct ShiftStep {
     of: usize,
@@ -74,13 +74,13 @@ pub(crate) struct ShiftStep {
     exponent: usize,
 }
 
-/// The order of the sums: one (the number of rows), the features, then the products of each group,
-/// left by left.
+/// The order of the sums of monomials: one (the number of rows), the features, then the products of
+/// each group, left by left.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct SumLayout {
     /// The features without the constant, in the order of the model.
     pub(crate) features: Vec<Term>,
-    /// Computes each feature from earlier ones.
+    /// The rule that computes each feature from earlier ones.
     pub(crate) recipe: Vec<Recipe>,
     pub(crate) groups: Vec<ProductGroup>,
     monomials: Vec<Monomial>,
@@ -126,10 +126,10 @@ impl SumLayout {
         self.steps.len()
     }
 
-    /// Position of the sum of the product of two features of this basis.
+    /// The position of the sum of the product of two features.
     ///
     /// # Panics
-    /// If a feature is not in it.
+    /// If a feature is not in this basis.
     pub(crate) fn position(&self, left: Term, right: Term) -> usize {
         self.index[&Monomial::product(left, right)]
     }
@@ -139,15 +139,15 @@ impl SumLayout {
         self.monomials.iter().map(move |m| m.exponent(channel))
     }
 
-    /// Moves the origin of every channel in all sums, modulo 2¹²⁸.
+    /// Moves the origin of every channel by `by` in all sums, modulo 2¹²⁸.
     pub(crate) fn move_origin(&self, sums: &mut [i128], by: &[i64]) {
         for ((steps, _), &by) in self.steps.iter().zip(by) {
             shift(sums, steps, by);
         }
     }
 
-    /// Moves the origin of every channel in the sums of one axis of the wrench (or one digit of it)
-    /// times one and each feature.
+    /// Moves the origin of every channel by `by` in the sums of one axis of the wrench (or of one
+    /// digit of it) times one and times each feature.
     pub(crate) fn move_features(&self, sums: &mut [i128], by: &[i64]) {
         for ((_, steps), &by) in self.steps.iter().zip(by) {
             shift(sums, steps, by);
@@ -164,7 +164,7 @@ impl SumLayout {
     }
 }
 
-/// Position for two axes, `left ≤ right`.
+/// The position of the sum of products of two axes, `left ≤ right`.
 pub(crate) const fn pair(left: usize, right: usize) -> usize {
     left * (13 - left) / 2 + right - left
 }
@@ -209,13 +209,13 @@ fn powers(channels: usize) -> Vec<ProductGroup> {
         .collect()
 }
 
-/// Blocks for powers up to the third and products of two channels: the blocks of [`powers`] without
-/// those products, which are features here, and the products of the latter with powers and each
-/// other.
+/// The blocks for powers up to the third of each channel and products of two channels. They are the
+/// blocks of [`powers`] without the products of two channels, which are features here, and the
+/// products of those features with powers and with each other.
 fn powers_and_products(channels: usize) -> Vec<ProductGroup> {
     let n = channels;
     let power = |channel: usize, exponent: usize| 3 * channel + exponent - 1;
-    // Feature of channels j < k, which follows the powers; channel j has
+    // The feature of channels j < k. These follow the powers in lexicographic order; channel j has
     // `pair(j, j + 1)..pair(j + 1, j + 2)`.
     let pair = |j: usize, k: usize| 3 * n + j * (2 * n - j - 1) / 2 + k - j - 1;
     let end = pair(n, n + 1);
@@ -231,8 +231,8 @@ fn powers_and_products(channels: usize) -> Vec<ProductGroup> {
         add(vec![cube], first..cube + 1);
         add(vec![square, cube], cube + 1..3 * n);
         (i + 1..n).for_each(|j| add(vec![first], power(j, 2)..power(j, 3) + 1));
-        // Pairs that begin with this channel, later pairs, then pairs that begin with an earlier
-        // one.
+        // First the pairs that begin with this channel, then later pairs, then pairs that begin
+        // with an earlier channel.
         add(vec![cube], pair(i, i + 1)..later_pairs.start);
         add(vec![first, square, cube], later_pairs.clone());
         for j in 0..i {
@@ -285,9 +285,9 @@ mod tests {
 
     #[test]
     fn eight_channels_need_as_many_sums_as_there_are_monomials() {
-        // C(8 + 2d, 8) monomials of degree up to 2d. Powers need 28 pairs × 9 + 8 × 6 + 1. Products
-        // add 56 of a fourth power and another channel, 56 of three channels, 168 × 2 with a square
-        // or cube, and 70 of four channels.
+        // There are C(8 + 2d, 8) monomials of degree up to 2d. Powers need 28 pairs × 9 + 8 ×
+        // 6 + 1. Products add 56 of a fourth power and another channel, 56 of three channels, 168 ×
+        // 2 with a square or cube, and 70 of four channels.
         let sums = Basis::ALL.map(|basis| SumLayout::new(basis, 8).sums());
         assert_eq!(sums, [45, 301, 495, 819, 3003]);
     }

@@ -16,30 +16,30 @@ use num_traits::Float;
 use super::integers::power_of_two;
 use super::layout::SumLayout;
 
-/// Rows in a block: enough that adding up the lanes of a vector costs little, and few enough that
-/// the 164 features of degree three fit in a cache of 512 kB.
+/// Rows in a block: enough that adding up the lanes of a vector costs little compared with the
+/// products, and few enough that the 164 features of degree three fit in a cache of 512 kB.
 pub(crate) const ROWS: usize = 256;
 
-/// Bits of a product: those of an exact sum less those for a block of rows.
+/// Bits available to a product: those of an exact sum less those that a block of rows needs.
 const BITS: u32 = f64::MANTISSA_DIGITS - ROWS.ilog2();
 
-/// Limbs of the wrench that are multiplied with each other: `2·(WIDTH − 1) ≤ BITS`.
+/// Width of the wrench limbs that are multiplied with each other: `2·(WIDTH − 1) ≤ BITS`.
 pub(crate) const SQUARE_WIDTH: u32 = BITS / 2 + 1;
 
-/// Half the range of 16 bits.
+/// The largest distance between a reading and its centre: half the range of 16 bits.
 pub(crate) const MAX_DISTANCE: u32 = 1 << 15;
 
-/// Width of the limbs, and their number by degree from 0 to 3.
+/// A way to cut features: width of the limbs, and number of limbs by degree from 0 to 3.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Cut {
     pub(crate) width: u32,
     pub(crate) counts: [usize; 4],
 }
 
-/// Limbs for readings within some distance of their centres.
+/// A way to multiply the features of readings within some distance of their centres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct FeatureLimbs {
-    /// Largest distance between a reading and its centre.
+    /// The largest supported distance between a reading and its centre.
     pub(crate) largest: u32,
     pub(crate) left: Cut,
     pub(crate) right: Cut,
@@ -48,8 +48,8 @@ pub(crate) struct FeatureLimbs {
 }
 
 impl FeatureLimbs {
-    /// Chooses the cheapest way for these distances and places of the wrench, with room for a
-    /// quarter more where that costs nothing.
+    /// Chooses the cheapest way for distances up to `distance` and a wrench with these places. Adds
+    /// room for a quarter more where that costs nothing.
     pub(crate) fn new(distance: u32, layout: &SumLayout, wrench: &[BinaryPlaces]) -> Self {
         let cheapest = |distance: u32| {
             let distance = distance.clamp(1, MAX_DISTANCE);
@@ -82,7 +82,7 @@ impl FeatureLimbs {
         Self { largest, left: cut, right: cut, right_bits: SQUARE_WIDTH - 1 }
     }
 
-    /// Returns true if left and right columns of this degree are equal.
+    /// Returns true if a feature of this degree has the same columns on the left and on the right.
     pub(crate) fn is_shared(&self, degree: usize) -> bool {
         let (left, right) = (self.left, self.right);
         left.counts[degree] == right.counts[degree]
@@ -107,7 +107,7 @@ impl FeatureLimbs {
         let width = self.cross_width();
         let limbs: usize =
             wrench.iter().filter_map(|axis| axis.limbs(width)).map(|limbs| limbs.count).sum();
-        // These limbs are needed for squares of the wrench anyway.
+        // Limbs of `SQUARE_WIDTH` are needed for the squares of the wrench anyway.
         let cut = if width == SQUARE_WIDTH { 0 } else { limbs };
         products.sum::<usize>() + (limbs + 1) * rights + CUT * cut
     }
@@ -156,9 +156,9 @@ impl BinaryPlaces {
         Self { low: self.low.min(other.low), high: self.high.max(other.high) }
     }
 
-    /// Limbs that cover these places; `None` if there are too many. Spare places are distributed:
-    /// one or two above, for larger loads, and the rest below, because a number near zero has lower
-    /// places.
+    /// Limbs of the given width that cover these places; `None` if there are too many places. Spare
+    /// places of the limbs are distributed: one or two above, for larger loads, and the rest below,
+    /// because the last place of a number near zero is far below the last places of other numbers.
     pub(crate) fn limbs(self, width: u32) -> Option<Limbs> {
         /// More places would be slower than other solvers and need more exponents than `f64` has.
         const MOST_PLACES: i32 = 256;
@@ -192,14 +192,14 @@ impl Limbs {
         Self { unit: 0, width, count }
     }
 
-    /// Cuts into `count` columns, lowest limb first. Returns true if the limbs add up to the
-    /// numbers.
+    /// Cuts a column into `count` columns, lowest limb first. Returns true if the limbs add up to
+    /// the numbers.
     #[inline(always)]
     pub(crate) fn cut(self, column: &[f64], out: &mut [f64]) -> bool {
         let Limbs { unit, width, count } = self;
         let top = power_of_two(i32::try_from(count).expect("few limbs") * width as i32 - 1);
         let scale = power_of_two(-unit);
-        // Rows processed together: enough to hide the latency of a chain of additions.
+        // Rows processed together, enough to hide the latency of a chain of additions.
         const TOGETHER: usize = 32;
         let (mut largest, mut left) = ([0.0_f64; TOGETHER], [0.0; TOGETHER]);
         let (column, _) = column.as_chunks::<TOGETHER>();
@@ -211,7 +211,7 @@ impl Limbs {
                 largest[i] = if rest[i].abs() > largest[i] { rest[i].abs() } else { largest[i] };
             }
             for limb in (0..count).rev() {
-                // 1.5·2^(52 + e) added and subtracted rounds to a multiple of 2^e, exactly.
+                // Adding and subtracting 1.5·2^(52 + e) rounds to a multiple of 2^e, exactly.
                 let places = width as i32 * limb as i32;
                 let (round, down) = (1.5 * power_of_two(52 + places), power_of_two(-places));
                 let start = limb * ROWS + block * TOGETHER;

@@ -18,23 +18,23 @@ use crate::model::Basis;
 /// by axis, then the limbs for features only, then ones.
 #[derive(Debug, PartialEq)]
 pub(crate) struct SummationPlan {
-    /// Subtracted from the readings of each channel.
+    /// The offset that is subtracted from the readings of each channel.
     pub(crate) centre: Vec<i64>,
     pub(crate) features: FeatureLimbs,
-    /// Column of each feature's first right operand, and the end of all.
+    /// The column of the first right operand of each feature, and the end of all right operands.
     pub(crate) firsts: Vec<usize>,
-    /// Ones, then the limbs of the features.
+    /// The right operands: ones, then the limbs of the features.
     pub(crate) rights: Vec<LimbColumn>,
     /// Products by group of the layout, each with the left operands that are not right operands.
     pub(crate) groups: Vec<(Vec<LimbColumn>, Operands)>,
-    /// Limbs that are multiplied with limbs of other axes.
+    /// Limbs of each axis that are multiplied with limbs of other axes.
     pub(crate) squares: Vec<Limbs>,
-    /// Limbs that are multiplied with features, if they differ from `squares`.
+    /// Limbs of each axis that are multiplied with features, if they differ from `squares`.
     pub(crate) cross: Option<Vec<Limbs>>,
 }
 
-/// A column of ones, or a limb of a feature: the sum of limbs times two to the power of their
-/// shifts.
+/// A column of ones, or a limb of a feature. A feature is the sum of its limbs times two to the
+/// power of their shifts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct LimbColumn {
     /// The position in the layout of the sums: 0 for ones, then the features.
@@ -42,7 +42,7 @@ pub(crate) struct LimbColumn {
     pub(crate) shift: u32,
 }
 
-/// Each column on the left is multiplied with each on the right.
+/// Columns to multiply, each on the left with each on the right.
 #[derive(Debug, PartialEq)]
 pub(crate) struct Operands {
     pub(crate) left: Vec<usize>,
@@ -122,8 +122,8 @@ impl SummationPlan {
     }
 }
 
-/// Blocks after which the pairs of sums could become inexact: `2^25·2^26 < 2^53`, and multiples of
-/// 2²⁶ below `2^53·2^26`.
+/// The number of blocks after which the pairs of sums could become inexact: `2^25·2^26 < 2^53`, and
+/// multiples of 2²⁶ below `2^53·2^26`.
 pub(crate) const MOST_BLOCKS: u64 = 1 << 26;
 
 /// Sums in progress: a pair of numbers for each product of columns.
@@ -132,8 +132,8 @@ pub(crate) struct OpenSums {
     pub(crate) plan: Arc<SummationPlan>,
     pub(crate) rows: u64,
     pub(crate) blocks: u64,
-    /// Multiples of 2²⁶: the groups; wrench limbs and ones with ones and features; wrench limbs
-    /// with each other.
+    /// The part of each sum that is a multiple of 2²⁶. The order is: the groups; then wrench limbs
+    /// and ones with ones and features; then wrench limbs with each other.
     pub(crate) high: Vec<f64>,
     pub(crate) low: Vec<f64>,
 }
@@ -156,8 +156,8 @@ impl OpenSums {
             }
         };
         let back: Vec<i64> = self.plan.centre.iter().map(|c| -c).collect();
-        // 128 bits hold each sum for any origin: at most 2³⁰ rows, a feature below 2⁴⁸, a limb
-        // below 2²³.
+        // For each axis, limb by limb. 128 bits hold each sum for any origin: there are at most 2³⁰
+        // rows, a feature is below 2⁴⁸ and a limb below 2²³.
         let planes = |limbs: &Limbs| {
             let mut planes = vec![vec![0; 1 + layout.features.len()]; limbs.count];
             for plane in &mut planes {
@@ -227,7 +227,7 @@ impl OpenSums {
     }
 }
 
-/// The plan determines how many there are.
+/// Takes the next sum. The plan determines how many there are.
 fn next(sums: &mut impl Iterator<Item = i128>) -> i128 {
     sums.next().expect("one sum for every product")
 }

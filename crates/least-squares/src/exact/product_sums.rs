@@ -26,11 +26,11 @@ pub struct ExactSums {
     pub(crate) layout: Arc<SumLayout>,
     pub(crate) rows: u64,
     pub(crate) channels: Vec<ChannelRange>,
-    /// Monomials of the scaled readings, in the order of the layout.
+    /// Sums of monomials of the scaled readings, in the order of the layout.
     pub(crate) readings: Vec<i128>,
-    /// For each axis, the wrench times one and times each feature.
+    /// For each axis, sums of the wrench times one and times each feature.
     pub(crate) wrench: [ScaledIntegers; 6],
-    /// Products of two axes: Fx·Fx, Fx·Fy, …, Mz·Mz.
+    /// Sums of products of two axes: Fx·Fx, Fx·Fy, …, Mz·Mz.
     pub(crate) squares: Vec<ScaledIntegers>,
 }
 
@@ -82,7 +82,7 @@ impl ExactSums {
         ranges
     }
 
-    /// Adds the rows of `other`: different rows of the same channels and basis.
+    /// Adds the rows of `other`. They must be different rows of the same channels and basis.
     ///
     /// # Errors
     /// [`ExactError`] if the total has too many rows or spans too wide a range; `self` is then
@@ -150,7 +150,7 @@ impl ExactSums {
         self.channels.iter().map(|channel| channel.unit).collect()
     }
 
-    /// Readings in the given units, which must be the same or finer.
+    /// These sums with readings in the given units, which must be the same or finer.
     pub(crate) fn in_units(&self, units: &[ReadingUnit]) -> Cow<'_, ExactSums> {
         if self.units() == units {
             return Cow::Borrowed(self);
@@ -188,7 +188,7 @@ impl ExactSums {
         (self.readings_about(origin), self.wrench.each_ref().map(moved))
     }
 
-    /// Sums of readings about `origin`.
+    /// The sums of readings with the origin of each channel moved to `origin`.
     pub(crate) fn readings_about(&self, origin: &[i64]) -> Vec<i128> {
         let mut readings = self.readings.clone();
         self.layout.move_origin(&mut readings, origin);

@@ -17,7 +17,7 @@ use crate::rank_loss::{RankLoss, Relation};
 pub(crate) fn rank_loss(moments: &ExactSums, scales: &EquationScales) -> Option<RankLoss> {
     let EquationScales { terms: model_terms, positions, .. } = scales;
     let size = model_terms.len();
-    // Simple features first give readable relations.
+    // The simplest features come first, which gives the most readable relations.
     let mut order: Vec<usize> = (0..size).collect();
     order.sort_unstable_by_key(|&i| (model_terms[i].factors().len(), i));
     let terms: Vec<Term> = order.iter().map(|&i| model_terms[i]).collect();
@@ -33,7 +33,7 @@ pub(crate) fn rank_loss(moments: &ExactSums, scales: &EquationScales) -> Option<
     if dependent.is_empty() {
         return None;
     }
-    // Multiples of a dependent feature are dependent too, and not reported.
+    // Multiples of a dependent feature are dependent too and are not reported.
     let mut leading: Vec<usize> = Vec::new();
     for &j in &dependent {
         if !leading.iter().any(|&i| divides(terms[i], terms[j])) {
@@ -88,7 +88,7 @@ fn divides(term: Term, multiple: Term) -> bool {
 
 pub(crate) const PRIME: u64 = (1 << 61) - 1;
 
-/// Modulo the prime, for a signed number.
+/// Reduces a signed number modulo the prime.
 pub(crate) fn residue(value: i128) -> u64 {
     value.rem_euclid(i128::from(PRIME)) as u64
 }
@@ -122,7 +122,7 @@ fn inverse(a: u64) -> u64 {
     result
 }
 
-/// `A = Uᵀ·D⁻¹·U` of a symmetric matrix, without dependent columns.
+/// The factorisation `A = Uᵀ·D⁻¹·U` of a symmetric matrix, with dependent columns left out.
 pub(crate) struct Elimination {
     size: usize,
     /// Rows of `U`, upper triangular; rows of dependent columns are zero.
@@ -132,8 +132,8 @@ pub(crate) struct Elimination {
 }
 
 impl Elimination {
-    /// Eliminates a symmetric matrix given by rows. A column is dependent if it depends on earlier
-    /// columns.
+    /// Eliminates a symmetric matrix given by its rows. Columns keep their order, so a column
+    /// counts as dependent if it depends on earlier columns.
     pub(crate) fn new(size: usize, mut rows: Vec<u64>) -> Self {
         let mut inverses = vec![0; size];
         let mut sums = vec![0u128; size];
@@ -174,7 +174,7 @@ impl Elimination {
         (0..self.size).filter(|&j| self.inverses[j] == 0).collect()
     }
 
-    /// Combines the independent columns before `j` into column `j`.
+    /// The coefficients that combine the independent columns before `j` into column `j`.
     pub(crate) fn combination(&self, j: usize) -> Vec<u64> {
         let mut shares = vec![0; j];
         for i in (0..j).rev() {
@@ -189,8 +189,8 @@ impl Elimination {
     }
 }
 
-/// The unique fraction `n/d`, `|n| < 2³⁹`, `0 < d < 2²⁰`, that equals `value` modulo the prime, if
-/// any: Euclid's algorithm stopped half way (Wang, SYMSAC 1981).
+/// Finds the fraction `n/d`, `|n| < 2³⁹`, `0 < d < 2²⁰`, that equals `value` modulo the prime. It
+/// is unique if it exists. Uses Euclid's algorithm stopped half way (Wang, SYMSAC 1981).
 pub(crate) fn fraction(value: u64) -> Option<(i64, i64)> {
     const NUMERATOR: i64 = 1 << 39;
     const DENOMINATOR: i64 = 1 << 20;

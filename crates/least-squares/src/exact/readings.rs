@@ -23,7 +23,7 @@ impl ReadingUnit {
         5u32.pow(self.fives) << self.twos
     }
 
-    /// Number of the finer unit `other` in this one.
+    /// Number of the finer unit `other` in one of these.
     pub(crate) fn ratio(self, other: Self) -> u32 {
         other.per_count() / self.per_count()
     }
@@ -33,12 +33,12 @@ impl ReadingUnit {
         Self { twos: self.twos.max(other.twos), fives: self.fives.max(other.fives) }
     }
 
-    /// Exponent of the power of two nearest to the number of units in a count.
+    /// The exponent of the power of two nearest to the number of units in a count.
     pub(crate) fn nearest_power(self) -> i32 {
         f64::from(self.per_count()).log2().round() as i32
     }
 
-    /// Returns true if the unit is not finer than the finest in use.
+    /// Returns true if the unit is not finer than the finest that is ever used.
     pub(crate) fn is_sane(self) -> bool {
         self.twos <= Self::FINEST.twos && self.fives <= Self::FINEST.fives
     }
@@ -118,8 +118,8 @@ impl ChannelRange {
     }
 }
 
-/// Range of a column, in a unit that suits it and `known`; or a reading that is not a 16-bit
-/// integer.
+/// The range of a column, in a unit that suits it and `known`; or a reading that is not an integer
+/// of 16 bits.
 pub(crate) fn scan_column(column: &[f64], known: ReadingUnit) -> Result<ChannelRange, f64> {
     if known == ReadingUnit::COUNT {
         let (lowest, highest, integers) = scan_integers(column);
@@ -152,7 +152,7 @@ fn fits(count: f64) -> bool {
 }
 
 vectorised! {
-    /// Smallest and largest value, and true if all are integers.
+    /// Returns the smallest and the largest value, and true if all are integers.
     fn scan_integers(column: &[f64]) -> (f64, f64, bool) {
         /// Adding and subtracting this constant rounds to an integer.
         const ROUND: f64 = 1.5 * (1u64 << 52) as f64;

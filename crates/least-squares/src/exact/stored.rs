@@ -44,7 +44,7 @@ pub struct StoredIntegers {
 /// Products of two loads, doubles between 10⁻³⁰⁸ and 10¹⁵, need some 700 digits.
 const MAX_DIGITS: usize = 2_000;
 
-/// Checks the length, because parsing takes time quadratic in it.
+/// Checks the length of an integer, because parsing takes time quadratic in it.
 fn of_digits(text: &str) -> Result<&str, String> {
     match text.len() {
         0..=MAX_DIGITS => Ok(text),
@@ -52,7 +52,7 @@ fn of_digits(text: &str) -> Result<&str, String> {
     }
 }
 
-/// Positions of the pairs of some axes among the pairs of all axes.
+/// The positions of the pairs of some axes among the pairs of all axes, in the same order.
 fn pairs(axes: Axes) -> Vec<usize> {
     let of = |first: Axis| {
         let others = axes.iter().filter(move |second| second.index() >= first.index());
@@ -160,8 +160,8 @@ impl<'de> Deserialize<'de> for ExactSums {
 }
 
 impl ExactSums {
-    /// Returns true if these can be sums of some of the rows of `whole`, so that they may be
-    /// subtracted.
+    /// Returns true if these can be the sums of some of the rows of `whole`. If not, subtracting
+    /// them would leave sums that no rows have.
     pub fn can_be_part_of(&self, whole: &ExactSums) -> bool {
         let within = |(part, whole): (&ChannelRange, &ChannelRange)| {
             let mut both = *whole;
@@ -171,7 +171,7 @@ impl ExactSums {
         let like = (self.basis, self.channels.len(), self.rows.min(whole.rows));
         like == (whole.basis, whole.channels.len(), self.rows)
             && self.channels.iter().zip(&whole.channels).all(within)
-            // The remaining ranges stay those of the whole, even without rows.
+            // The remaining ranges stay those of the whole, even with zero rows left.
             && (self.rows == whole.rows || whole.without(self).check_possible().is_ok())
     }
 

@@ -154,8 +154,8 @@ impl FactoredGroups {
         FactoredRows::merged(self.groups.iter().map(|(_, rows)| rows))
     }
 
-    /// Merges neighbouring groups: each of the result has the groups of a range, which must not be
-    /// empty.
+    /// Merges neighbouring groups: each group of the result has the rows of one of the ranges,
+    /// which must not be empty.
     pub fn merged(&self, ranges: &[Range<usize>]) -> Self {
         let merge = |range: &Range<usize>| {
             let (label, mut all) = self.groups[range.start].clone();
@@ -165,8 +165,8 @@ impl FactoredGroups {
         Self { groups: ranges.iter().map(merge).collect() }
     }
 
-    /// For each group, merges all others, from both ends: nothing is subtracted, and no group is
-    /// merged more than four times. `None` with fewer than two groups.
+    /// For each group, merges all others; `None` with fewer than two groups. Works from both ends:
+    /// nothing is subtracted, and no group is merged more than four times.
     pub fn without_each(&self) -> Option<Vec<FactoredRows>> {
         let merged = |earlier: &FactoredRows, later: &FactoredRows| {
             let mut all = earlier.clone();
@@ -190,12 +190,12 @@ impl FactoredGroups {
         Some(others)
     }
 
-    /// Scatter of the coefficients of a solution over these groups, without the group `held_out`,
-    /// on request with its degrees of freedom. The groups must be all rows of the fit. Omits the
-    /// bias from a ridge or a truncation.
+    /// The scatter of the coefficients of a solution over these groups, without the group
+    /// `held_out`, on `threads` threads, on request with its degrees of freedom. The groups must be
+    /// all rows of the fit. Omits the bias from a ridge or a truncation.
     ///
     /// # Errors
-    /// [`FitError`] if a group alone determines a coefficient, or the features are too nearly
+    /// [`FitError`] if some group alone determines a coefficient, or the features are too nearly
     /// dependent.
     pub fn scatter(
         &self,
@@ -264,9 +264,9 @@ fn without_zeros(factor: &Mat<f64>) -> MatRef<'_, f64> {
     factor.as_ref().subcols(zeros, factor.ncols() - zeros)
 }
 
-/// Runs of neighbouring groups with the same centre, each with the matrix that expresses the
-/// features of a solution in those of the run; `None` if it lacks some. Merged recordings differ in
-/// their centres.
+/// Splits groups into runs of neighbours with the same centre, each with the matrix that expresses
+/// the features of a solution in those of the run; `None` if the run lacks some of them. Groups of
+/// merged recordings differ in their centres; other groups share one.
 fn by_centre<'a, 'b>(
     groups: &'a [&'b FactoredRows],
     solution: &Solution,
@@ -290,8 +290,8 @@ mod tests {
     use shell_data::block::Block;
     use system_tests::random::Random;
 
-    /// Groups of one to seven rows, with similar errors within a group. The second channel is the
-    /// first plus noise of size `apart`.
+    /// Groups of one to seven rows, fewer than features, with similar errors within a group. The
+    /// second channel is the first plus noise of size `apart`.
     fn block(apart: f64) -> Block {
         let mut random = Random(16);
         let mut noise = |scale: f64| scale * (2.0 * random.unit() - 1.0);

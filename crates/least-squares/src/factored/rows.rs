@@ -185,8 +185,8 @@ impl FactoredRows {
     }
 
     /// The matrix `T`, terms of these rows × terms of `model`, that expresses the features of
-    /// `model` relative to the centre of `scaling` in those of these rows; `None` if a product that
-    /// `model` needs was not kept.
+    /// `model` relative to the centre of `scaling` in the features of these rows; `None` if a
+    /// product that `model` needs was not kept.
     ///
     /// With `z = (s − c)/k` and `z' = (s − c')/k'`, a standardised reading is `z' = a·z + b`,
     /// `a = k/k'`, `b = (c − c')/k'`, so every product of `z'` is a sum of products of `z`:

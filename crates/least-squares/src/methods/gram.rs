@@ -12,7 +12,7 @@ use crate::vectors::lower_product;
 pub(super) struct Gram {
     shape: Shape,
     rows: u64,
-    /// Chunks and merges so far, each of which rounds a sum once.
+    /// Number of chunks and merges so far. Each rounds a sum once.
     additions: u64,
     products: Mat<f64>,
 }
@@ -97,7 +97,7 @@ impl Gram {
         let mut residual_products =
             outputs - &cross - cross.transpose() + solved.transpose() * (gram * &solved);
         for a in 0..q {
-            // Cancellation may leave a negative number.
+            // Cancellation may leave a negative number, which is impossible for a sum of squares.
             residual_products[(a, a)] = residual_products[(a, a)].max(0.0);
         }
         let coefficients = Mat::from_fn(p, q, |i, a| solved[(i, a)] / norms[i]);

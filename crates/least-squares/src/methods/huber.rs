@@ -28,8 +28,8 @@ use std::ops::Range;
 const CLIP: f64 = 1.345;
 /// The third quartile of the standard normal distribution.
 const QUARTILE: f64 = 0.674_489_750_196_081_7;
-/// Most passes over many rows. With few rows, single rows can determine their own residuals and
-/// steps are short, so more passes of the same total cost are allowed.
+/// Maximum number of passes over many rows. With few rows, single rows can determine their own
+/// residuals and steps are short, so more passes of the same total cost are allowed.
 const MOST_PASSES: usize = 500;
 const MANY: u64 = 100_000;
 /// Maximum number of passes over any number of rows.
@@ -37,9 +37,9 @@ const MOST_SHORT_PASSES: usize = 20_000;
 /// Passes end when a step is smaller than this share of the standard errors, and σ changes by less.
 /// The remaining distance is at most some ten times larger.
 const STEP: f64 = 1e-8;
-/// Passes after which steps of σ that reverse are shortened.
+/// Number of passes after which steps of σ that reverse are shortened.
 const FREE_PASSES: usize = 20;
-/// Shortens a reversed step of σ; its lower limit; lengthens it again.
+/// Factor that shortens a reversed step of σ, its lower limit, and factor that lengthens it again.
 const SHORTER: f64 = 0.7;
 const SHORTEST: f64 = 0.02;
 const LONGER: f64 = 1.1;
@@ -49,11 +49,11 @@ const ALL_KEPT: u64 = 10_000;
 const NEAR: f64 = 0.01;
 /// Rounding error of sums over rows, relative to their terms.
 const ROUNDING: f64 = 64.0 * f64::EPSILON;
-/// Smallest σ, as a share of the RMS: if most rows are fitted without error, the others must keep
-/// some weight.
+/// The smallest σ, as a fraction of the RMS: even if most rows are fitted without error, the others
+/// must keep some weight.
 const SMALLEST: f64 = 1e-12;
 
-/// Clipping threshold for residuals of these sizes.
+/// The clipping threshold for residuals of these sizes.
 ///
 /// # Panics
 /// If `sizes` is empty.
@@ -72,10 +72,10 @@ fn mean_of_ranks(sizes: &mut [f64], [lower, upper]: [usize; 2]) -> f64 {
 struct Clipping {
     shape: Shape,
     coefficients: Mat<f64>,
-    /// σ·k of each column of `Y`.
+    /// The clipping threshold σ·k of each column of `Y`.
     clip: Vec<f64>,
     unit: Vec<f64>,
-    /// Range in which all sizes are kept, in those units.
+    /// The range in which all sizes are kept, in those units.
     near: Vec<Range<f64>>,
 }
 
@@ -86,10 +86,10 @@ struct Clipped<'a> {
     gradient: Mat<f64>,
     /// `ΨᵀΨ`.
     products: Mat<f64>,
-    /// Residuals that were not clipped, per column of `Y`.
+    /// Number of residuals that were not clipped, per column of `Y`.
     inside: Vec<u64>,
     sizes: Vec<FineMagnitudes>,
-    /// Sizes below the kept range, per column of `Y`; `kept` has those within it.
+    /// Number of sizes below the kept range, per column of `Y`; `kept` has the sizes within it.
     below: Vec<u64>,
     kept: Vec<Vec<f64>>,
 }
@@ -108,8 +108,8 @@ impl<'a> Clipped<'a> {
         }
     }
 
-    /// Median size of a column's residuals (of an even number, the mean of the middle two); false
-    /// if it is from the histogram.
+    /// The median size of a column's residuals; of an even number, the mean of the middle two. The
+    /// flag is `false` if the median is from the histogram.
     fn median(&mut self, a: usize, rows: u64) -> (f64, bool) {
         let (kept, below) = (&mut self.kept[a], self.below[a]);
         let position = |rank: u64| rank.checked_sub(below).map(|position| position as usize);
@@ -189,7 +189,7 @@ pub(super) fn solve<R: RowSource>(rows: &mut R, ridge: Ridge) -> Result<LeastSqu
         let terms = (0..p).map(|j| solved.coefficients[(j, a)].abs() * norms[j]);
         ROUNDING * terms.sum::<f64>() / n.sqrt()
     };
-    // Per column of `Y`: the share of its step that σ takes, and the previous step.
+    // Per column of `Y`: the fraction of its step that σ takes, and the previous step.
     let mut pace = vec![1.0_f64; q];
     let mut before = vec![0.0_f64; q];
     for pass_number in 0..most_passes {
@@ -297,7 +297,7 @@ mod tests {
         let rows = Dense::new(x.as_ref(), None, y.as_ref());
         let solved = solve_dense(rows, SolverKind::Huber, Ridge::NONE).unwrap();
         // `summary(rlm(stack.loss ~ ., stackloss))`, Venables & Ripley, MASS, 4th ed., §6.5:
-        // coefficients and standard errors.
+        // coefficient and standard error of each column.
         let published = [(0.8294, 0.1112), (0.9261, 0.3034), (-0.1278, 0.1289), (-41.0265, 9.8073)];
         let variance = solved.residual_products[(0, 0)] / 17.0;
         for (j, (coefficient, error)) in published.into_iter().enumerate() {
@@ -328,8 +328,8 @@ mod tests {
         assert!((robust[(0, 0)] - 3.0).abs() < 1e-12 && (robust[(1, 0)] + 7.0).abs() < 1e-10);
     }
 
-    /// Dense iteratively reweighted least squares: QR of the weighted rows, with the median of all
-    /// residuals. `None` if it does not converge.
+    /// Dense iteratively reweighted least squares: QR of the weighted rows in a loop, with the
+    /// median of all residuals. `None` if it does not converge.
     fn reweighted(x: &Mat<f64>, y: &Mat<f64>) -> Option<(Mat<f64>, f64)> {
         let (n, p) = (x.nrows(), x.ncols());
         let mut weights = vec![1.0; n];
@@ -407,8 +407,8 @@ mod tests {
             let residual = &y - &x * &solved.coefficients;
             let mut sizes: Vec<f64> = residual.col(0).iter().map(|r| r.abs()).collect();
             sizes.sort_unstable_by(f64::total_cmp);
-            // σ is not returned, but follows from the sizes of these residuals. Clipped with it,
-            // they must be orthogonal to the columns.
+            // The converged σ is not returned, but it follows from the sizes of these residuals.
+            // Clipped with it, they must be orthogonal to the columns.
             let solves = |sigma: f64| {
                 let clip = CLIP * sigma;
                 (0..p).all(|j| {

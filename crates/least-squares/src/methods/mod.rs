@@ -50,8 +50,8 @@ pub enum SolverKind {
     Tsqr,
     /// Householder QR, corrected by residuals in double-double: two passes or more.
     RefinedTsqr,
-    /// QR with column pivoting, in the R factor of [`SolverKind::Tsqr`]: its columns have the
-    /// lengths and angles of those of `X`, so the factorisation is the same.
+    /// QR with column pivoting. Pivots are chosen in the R factor of [`SolverKind::Tsqr`], whose
+    /// columns have the lengths and angles of the columns of `X`, so the factorisation is the same.
     PivotedQr,
     /// Singular values of the R factor, which are the singular values of `X`.
     Svd,
@@ -72,8 +72,8 @@ pub enum SolverKind {
 pub struct Method {
     /// The solver.
     pub solver: SolverKind,
-    /// For [`SolverKind::Svd`]: drops directions with a smaller singular value, as a share of the
-    /// largest (columns of norm one). `None` keeps all.
+    /// For [`SolverKind::Svd`]: drops directions whose singular value, with columns of norm one, is
+    /// below this fraction of the largest. `None` keeps all.
     pub truncate: Option<f64>,
 }
 
@@ -100,8 +100,8 @@ impl SolverKind {
         NAMES[self as usize].1
     }
 
-    /// The solver that gives the same digits at lower cost than one that only serves as a reference
-    /// in tests.
+    /// The recommended replacement of a solver that only serves as a reference in tests and
+    /// benchmarks. The replacement gives the same digits at lower cost.
     pub const fn instead(self) -> Option<Self> {
         match self {
             Self::RefinedTsqr | Self::Gram | Self::WideGram | Self::WideTsqr => Some(Self::Exact),

@@ -121,9 +121,9 @@ pub(super) fn solve<R: RowSource>(rows: &mut R, ridge: Ridge) -> Result<LeastSqu
     Err(ill_conditioned.into())
 }
 
-/// Returns true if `contraction` times the last correction is below the resolution of `f64`. A
-/// coefficient that is zero except for rounding only needs a correction that is small relative to
-/// the others, with columns scaled to norm one.
+/// Returns true if, for each coefficient, `contraction` times the last correction is below the
+/// resolution of `f64`. A coefficient that is zero except for rounding only needs a correction that
+/// is small relative to the other coefficients, with columns scaled to norm one.
 fn is_settled(
     correction: MatRef<'_, f64>,
     coefficients: &WideMatrix,

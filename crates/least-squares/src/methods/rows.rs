@@ -19,8 +19,8 @@ pub struct RowChunk<'a> {
 }
 
 impl<'a> RowChunk<'a> {
-    /// Rows in a chunk that fits in a core's private cache and makes the overhead per chunk
-    /// negligible.
+    /// Number of rows in a chunk of `columns` columns that fits in a core's private cache and is
+    /// long enough to make the overhead per chunk negligible.
     pub fn rows_in_cache(columns: usize) -> usize {
         const BYTES: usize = 1 << 18;
         (BYTES / (8 * columns.max(1))).max(4 * columns)
@@ -44,7 +44,7 @@ impl<'a> RowChunk<'a> {
     }
 }
 
-/// Columns of equal height, with the rounding error of each element.
+/// Columns of equal height, one after another, with the rounding error of each element.
 #[derive(Clone, Debug)]
 pub(super) struct WideColumns {
     pub(super) height: usize,

@@ -231,8 +231,8 @@ impl WideRFactor {
             (solved.condition, solved.rank) = spectrum(&undamped)?;
             return Ok(solved);
         }
-        // A large residual contributes an error that grows with the square of the condition number
-        // (Björck 1996, §1.4.3). The limit keeps it below 1 %.
+        // If the residual is large, its contribution to the error grows with the square of the
+        // condition number (Björck 1996, §1.4.3). The limit keeps it below 1 %.
         let steepest = (0..q).map(|a| {
             let fitted: f64 = z.col_as_slice(a).iter().map(|e| e.to_f64() * e.to_f64()).sum();
             (solved.residual_products[(a, a)] / fitted.max(f64::MIN_POSITIVE)).sqrt()

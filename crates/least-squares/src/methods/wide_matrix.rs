@@ -98,7 +98,7 @@ pub(super) fn solve_triangle(
     let identity = WideMatrix::from_fn(p, p, |i, j| f64::from(u8::from(i == j)).into());
     let inverse = solve_upper(&unit, &identity);
     let size = largest_singular_value(&unit)?;
-    // Rounding leaves the singular values of dependent columns at zero or makes them tiny.
+    // Dependent columns have a singular value that rounding leaves at zero or makes tiny.
     let condition =
         if is_finite(&inverse) { size * largest_singular_value(&inverse)? } else { f64::INFINITY };
     if condition * resolution >= size {
@@ -116,8 +116,8 @@ pub(super) fn solve_triangle(
     Ok(LeastSquares { coefficients, factor, residual_products, rows, condition, rank: p })
 }
 
-/// Condition number and rank of the upper triangle `r` with columns of norm one, in `f64`: for
-/// problems that a ridge has made solvable.
+/// Condition number and rank of the upper triangle `r` with columns scaled to norm one, within the
+/// precision of `f64`. Used for problems that a ridge has made solvable.
 pub(super) fn spectrum(r: &Mat<f64>) -> Result<(f64, usize), LeastSquaresError> {
     condition_and_rank(&equilibrated(r.as_ref()).0, f64::EPSILON * r.ncols() as f64)
 }
@@ -127,17 +127,17 @@ fn largest_singular_value(m: &WideMatrix) -> Result<f64, LeastSquaresError> {
     Ok(values.first().copied().unwrap_or(1.0))
 }
 
-/// Parallel sums: one vector, so that their operations hide each other's latency.
+/// Number of parallel sums: one vector, so that their operations hide each other's latency.
 pub(super) const LANES: usize = 8;
 
-/// Empty tails mean zeros.
+/// A column in double-double. Empty tails mean zeros.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Wide<'a> {
     pub(super) heads: &'a [f64],
     pub(super) tails: &'a [f64],
 }
 
-/// Accumulated in lanes.
+/// A sum in double-double, accumulated in lanes.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct LaneSums {
     heads: [f64; LANES],
@@ -186,7 +186,7 @@ impl LaneSums {
         y: Wide<'_>,
     ) {
         let n = x.heads.len();
-        // Asserted once, equal lengths remove the bounds checks below.
+        // Equal lengths, asserted once, remove the bounds checks below.
         assert!(y.heads.len() == n && (!X || x.tails.len() == n) && (!Y || y.tails.len() == n));
         let whole = n - n % LANES;
         let [x_heads, y_heads] = [x.heads, y.heads].map(|heads| S::as_simd_f64s(&heads[..whole]).0);
@@ -229,8 +229,8 @@ impl LaneSums {
     }
 }
 
-/// Computes `xᵀy` as if in double-double and rounded last: compensated summation in [`LANES`] sums
-/// (Ogita, Rump and Oishi, SIAM J. Sci. Comput. 26, 2005, algorithm Dot2).
+/// Computes `xᵀy` as if in double-double and rounded last: compensated summation (Ogita, Rump and
+/// Oishi, SIAM J. Sci. Comput. 26, 2005, algorithm Dot2) in [`LANES`] sums.
 pub(super) fn dot(x: Wide<'_>, y: Wide<'_>) -> DoubleDouble {
     let mut sum = LaneSums::default();
     add_products(std::slice::from_mut(&mut sum), &[x], y);

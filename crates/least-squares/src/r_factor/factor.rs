@@ -63,7 +63,7 @@ impl RFactor {
         Ok(solved)
     }
 
-    /// Like [`RFactor::solve`], but accepts any loss of accuracy: a start for refinement.
+    /// Like [`RFactor::solve`], but accepts any loss of accuracy: a starting point for refinement.
     pub(crate) fn solve_roughly(&self, ridge: Ridge) -> Result<LeastSquares, LeastSquaresError> {
         let (p, q) = (self.features, self.r.nrows() - self.features);
         ridge.check(self.rows, p, self.r.is_all_finite())?;
@@ -93,8 +93,8 @@ impl RFactor {
         })
     }
 
-    /// Size that rounding can give a zero singular value, relative to the largest: errors add up
-    /// like a random walk, over the p columns and the row blocks.
+    /// The size that rounding can give a zero singular value, relative to the largest. Rounding
+    /// errors add up like a random walk, over the p columns and over the row blocks.
     fn rounding(&self) -> f64 {
         const ROWS: f64 = 256.0;
         4.0 * f64::EPSILON * (self.features as f64 * (1.0 + self.rows as f64 / ROWS)).sqrt()
@@ -112,7 +112,7 @@ impl RFactor {
         self.r.as_ref().submatrix(0, p, p, q) - self.r() * coefficients
     }
 
-    /// `X·C − Y` for any `C`; column `ones` of `X` must contain ones.
+    /// Sums of the residuals `X·C − Y` for any `C`; column `ones` of `X` must contain ones.
     pub(crate) fn sums_of_residuals(&self, coefficients: MatRef<'_, f64>, ones: usize) -> Vec<f64> {
         let misfit = self.misfit(coefficients);
         let column = self.r().col(ones).to_owned();
@@ -177,11 +177,11 @@ const VECTORS_AT_ONCE: usize = 4;
 /// The convergence threshold: the relative increase of an eigenvalue from one check to the next.
 const SETTLED: f64 = 1e-13;
 
-/// So few columns make all singular values fast.
+/// The largest number of columns for which computing all singular values is fast.
 const FEW_COLUMNS: usize = 100;
 
-/// Condition number of an upper triangle, and number of singular values above the share `tolerance`
-/// of the largest. All are computed only if one may be zero.
+/// The condition number of an upper triangular matrix, and the number of its singular values above
+/// a fraction `tolerance` of the largest. All singular values are computed only if one may be zero.
 pub(crate) fn condition_and_rank(
     matrix: &Mat<f64>,
     tolerance: f64,

@@ -11,13 +11,13 @@ use faer::{Accum, ColMut, ColRef, Mat, MatMut, Par};
 
 use crate::vectors::{add_multiple, dot};
 
-/// Each reflector passes over the block, which should fit in the L1 cache.
+/// Bytes in a row block. Each reflector passes over the block, so it should fit in the L1 cache.
 const BLOCK_BYTES: usize = 1 << 15;
 
 /// Bytes in a row block with many columns. Each panel passes over it once.
 const LARGE_BLOCK_BYTES: usize = 1 << 20;
 
-/// Columns whose reflectors are applied together.
+/// Number of columns whose reflectors are applied together.
 const PANEL: usize = 16;
 
 /// The R factor of the rows so far.
@@ -57,10 +57,10 @@ impl RFactor {
     }
 }
 
-/// Reused from block to block.
+/// Working memory for factoring row blocks, reused from block to block.
 struct Workspace {
     rows: usize,
-    /// Column-major.
+    /// The rows of a block, column-major.
     block: Vec<f64>,
     compact: Mat<f64>,
     update: Mat<f64>,
@@ -98,7 +98,7 @@ impl RFactor {
         if self.rows == 0 {
             self.clone_from(later);
         } else if later.rows > 0 {
-            // The first `end` columns of an R factor are zero below row `end`.
+            // In an R factor, the first `end` columns are zero below row `end`.
             self.add_columns(self.r.nrows(), later.r.col_iter(), |end| end);
             self.rows += later.rows;
         }
@@ -145,7 +145,7 @@ impl RFactor {
             if end == order {
                 break;
             }
-            // Later columns become R − Tᵀ·W and B − V·Tᵀ·W, with W = R + Vᵀ·B.
+            // Later columns become R − Tᵀ·W and B − V·Tᵀ·W, where W = R + Vᵀ·B.
             let (width, count) = (end - start, order - end);
             let panel = panel.rb();
             let compact = compact.as_ref().submatrix(0, 0, width, width);
@@ -162,8 +162,8 @@ impl RFactor {
         }
     }
 
-    /// Factors a panel, from column `start` of the stack on, into its reflectors; writes `T` to
-    /// `compact`.
+    /// Factors the columns of a panel, from column `start` of the stack on. Replaces them with the
+    /// reflectors and writes `T` to `compact`.
     fn factor_panel(&mut self, start: usize, mut panel: MatMut<'_, f64>, compact: &mut Mat<f64>) {
         let width = panel.ncols();
         for k in 0..width {
@@ -216,7 +216,7 @@ impl Workspace {
     }
 }
 
-/// Columns are contiguous in every matrix here.
+/// The elements of a column, which are contiguous in every matrix here.
 #[inline(always)]
 pub(super) fn contiguous(column: ColRef<'_, f64>) -> &[f64] {
     column.try_as_col_major().expect("a column of a column-major matrix").as_slice()

@@ -108,7 +108,7 @@ impl Ridge {
         if is_finite { Ok(()) } else { Err(LeastSquaresError::NotFinite) }
     }
 
-    /// Added to the squares of columns with these norms.
+    /// The amounts added to the squares of columns with these norms.
     pub(crate) fn penalties(&self, norms: &[f64]) -> Vec<f64> {
         let penalty = |(j, norm): (usize, &f64)| match self.free_column == Some(j) {
             true => 0.0,

@@ -307,7 +307,7 @@ mod tests {
 
     use super::*;
 
-    /// Numbers up to 1: the condition number is below 1 + size².
+    /// `MᵀM + I` for a matrix of numbers up to 1. Its condition number is below 1 + size².
     fn positive(size: usize, numbers: &[f64]) -> SymmetricMatrix {
         let mut a = SymmetricMatrix::from_fn(size, |i, j| -f64::from(u8::from(i == j)));
         a.subtract_squares(&numbers.chunks(size).map(<[f64]>::to_vec).collect::<Vec<_>>());

@@ -8,15 +8,15 @@ use pulp::Simd;
 use super::SymmetricMatrix;
 use shell_data::vectorised;
 
-/// A tile stays in registers while squares are subtracted.
+/// Number of columns and rows in a tile, which stays in registers while squares are subtracted.
 const TILE_COLUMNS: usize = 8;
 const TILE_ROWS: usize = 4;
 
-/// Packed together: as many as fit in the L1 cache.
+/// Number of vectors packed together: as many as fit in the L1 cache.
 const VECTORS_AT_ONCE: usize = 64;
 
 vectorised! {
-    /// Vectors have the length of the matrix's order.
+    /// Subtracts `x·xᵀ` for each of `vectors`, whose length is the order of the matrix.
     pub(super) fn subtract_squares<S: Simd>(simd: S, from: &mut SymmetricMatrix, vectors: &[Vec<f64>]) {
         let bands = from.size.div_ceil(TILE_COLUMNS);
         let at_once = VECTORS_AT_ONCE.min(vectors.len()).max(1);
@@ -88,14 +88,14 @@ fn subtract_from_tile<S: Simd>(
     }
 }
 
-/// Elements below the diagonal or beyond the matrix are not used.
+/// The start of a tile. Elements below the diagonal or beyond the matrix are not used.
 struct Tile {
     first_row: usize,
     first_column: usize,
 }
 
 impl Tile {
-    /// Rows that are stored, with their columns.
+    /// The rows of a tile that are stored, with their columns.
     #[inline(always)]
     fn rows(&self, size: usize) -> impl Iterator<Item = (usize, Range<usize>)> {
         let columns = self.first_column..(self.first_column + TILE_COLUMNS).min(size);

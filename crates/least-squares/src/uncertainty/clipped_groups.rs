@@ -88,7 +88,7 @@ mod tests {
     use crate::uncertainty::CoefficientCovariance;
     use system_tests::random::Random;
 
-    /// Groups of nine rows with similar errors, far larger ones in one of twenty.
+    /// Groups of nine rows with similar errors; one row in twenty has a far larger error.
     fn wild_block(groups: usize, wild: f64) -> Block {
         let mut random = Random(5);
         let rows = 9 * groups;
@@ -167,8 +167,8 @@ mod tests {
         assert!((0.8..1.3).contains(&ratio), "{ratio}");
         let wild = wild_block(30, 40.0);
         let ratio = errors(&wild, SolverKind::Huber) / errors(&clean, SolverKind::Huber);
-        // With 5 % outliers it is 1.3 times as large (Huber 1964), some tens of times for least
-        // squares.
+        // With 5 % outliers the variance is 1.3 times as large (Huber 1964); for plain least
+        // squares it is some tens of times as large.
         assert!(ratio < 2.0, "{ratio}");
         assert!(errors(&wild, SolverKind::RefinedTsqr) > 3.0 * errors(&wild, SolverKind::Huber));
     }

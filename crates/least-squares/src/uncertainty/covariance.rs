@@ -115,10 +115,10 @@ impl Covariance {
         Ok(Self::from_scatter(found, whole.rows(), intervals))
     }
 
-    /// Like [`Covariance::from_groups`], for a solution by `method`, from R factors: for rows that
-    /// cannot be summed exactly, and methods that cannot use sums. `ridge` is the requested value.
-    /// If groups are blocks of time, `files` lists the ranges of groups that are held out together,
-    /// such as whole files.
+    /// Like [`Covariance::from_groups`], for a solution by `method`, from R factors of its rows:
+    /// for rows that cannot be summed exactly, and methods that cannot use sums. `ridge` is the
+    /// requested value. If groups are blocks of time, `files` lists the ranges of groups that are
+    /// held out together, such as whole files.
     ///
     /// # Errors
     /// As [`Covariance::from_groups`].
@@ -214,9 +214,9 @@ impl Covariance {
         }))
     }
 
-    /// The degrees of freedom of the variance `‖Tᵀx‖²` from the coefficients in a combination `x`
-    /// of features, per axis: exact for one coefficient, otherwise the harmonic mean over
-    /// coefficients, weighted by the variance that each contributes alone.
+    /// The degrees of freedom of the variance `‖Tᵀx‖²` that the coefficients contribute to a
+    /// combination `x` of features, per axis: exact for a single coefficient, otherwise the
+    /// harmonic mean over the coefficients, weighted by the variance that each contributes alone.
     pub fn degrees_of_combination(&self, x: &[f64]) -> PerAxis<f64> {
         let all = self.degrees_of_freedom as f64;
         let CoefficientCovariance::Groups { factors, degrees_of_freedom: Some(each), .. } =

@@ -64,9 +64,9 @@ impl Scores {
         Self(others.map(|(&group, scores)| (group, scores.clone())).collect())
     }
 
-    /// Divides the scores of each axis by their root mean square, with equal weight for each group.
-    /// The existing standard errors count as `prior` groups with a mean square of one. Returns the
-    /// divisors.
+    /// Divides the scores of each axis by their root mean square, with the same weight for each
+    /// group. The existing standard errors count as `prior` groups with a mean square of one.
+    /// Returns the divisors.
     pub fn rescale(&mut self, prior: f64) -> PerAxis<f64> {
         let count = prior + self.0.len() as f64;
         let mean_square = |scores: &Vec<f64>| {
@@ -98,7 +98,7 @@ impl Scores {
     }
 }
 
-/// Interpolates linearly between the levels `k/(G + 1)` that G groups provide.
+/// The size at a level, interpolated linearly between the levels `k/(G + 1)` that G groups provide.
 fn size_between(scores: &[PerAxis<(f64, f64)>], axis: usize, level: f64) -> f64 {
     let mass = (scores.len() + 1) as f64;
     let below = (level * mass + 1e-9).floor();
@@ -110,7 +110,7 @@ fn size_between(scores: &[PerAxis<(f64, f64)>], axis: usize, level: f64) -> f64 
     }
 }
 
-/// Smallest size that contains the errors of a new group with a probability of `level`.
+/// The smallest size that contains the errors of a new group with a probability of `level`.
 fn size_that_holds(scores: &[PerAxis<(f64, f64)>], axis: usize, level: f64) -> f64 {
     let normal = Normal::standard();
     let within = |size: f64, (mean, scatter): (f64, f64)| match scatter > 0.0 {
@@ -136,9 +136,9 @@ fn size_that_holds(scores: &[PerAxis<(f64, f64)>], axis: usize, level: f64) -> f
     at
 }
 
-/// Share of the variance between files rather than within them, from 0 to 1: the intraclass
-/// correlation of the analysis of variance (Searle, Casella & McCulloch, Variance Components, 1992,
-/// §3.6).
+/// The share of the variance of values that lies between files rather than within them: the
+/// intraclass correlation of the analysis of variance (Searle, Casella & McCulloch, Variance
+/// Components, 1992, §3.6), from 0 to 1.
 fn share_between(files: &[Vec<f64>]) -> f64 {
     let sizes = || files.iter().map(|file| file.len() as f64);
     let (n, count) = (sizes().sum::<f64>(), files.len() as f64);
@@ -166,7 +166,7 @@ fn levels_known(groups: usize) -> Vec<f64> {
     LEVELS.into_iter().filter(|&level| groups_needed(level) <= groups).collect()
 }
 
-/// For each level, ascending, the smallest score up to which the scores have that mass.
+/// For each level, in ascending order, the smallest score up to which the scores have that mass.
 fn quantiles(scores: &[(f64, f64)], levels: &[f64]) -> Vec<f64> {
     let (mut rest, mut mass, mut quantile) = (scores.iter(), 0.0, 0.0);
     let mut of_level = |&level: &f64| {

@@ -63,7 +63,7 @@ impl ErrorShape {
         Self { levels: LEVELS.to_vec(), quantiles }
     }
 
-    /// `q(level)`, interpolated linearly in the normal quantile between the levels.
+    /// `q(level)` of an axis, interpolated linearly in the normal quantile between the levels.
     pub(super) fn quantile(&self, axis: usize, level: f64) -> f64 {
         let z = normal_quantile(level);
         let (mut below, mut at) = ((0.0, 0.0), (0.0, 0.0));
@@ -97,7 +97,7 @@ impl ErrorShape {
     }
 }
 
-/// Size below which a share `level` of standard normal magnitudes lies.
+/// The size below which a fraction `level` of standard normal magnitudes lies.
 pub(super) fn normal_quantile(level: f64) -> f64 {
     Normal::standard().inverse_cdf(0.5 + level / 2.0)
 }

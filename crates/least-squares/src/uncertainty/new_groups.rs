@@ -13,9 +13,9 @@ use crate::sandwich::GroupScatter;
 use crate::solver::Solution;
 use shell_data::wrench::PerAxis;
 
-/// Most groups with scores. With more, the scatter of the groups and the shape of the training
-/// errors suffice (intervals of 95 % contain 95.0 to 95.7 % of the sensor model's errors from 60
-/// groups on), and one fit per group would take long.
+/// Maximum number of groups with scores. With more groups, the scatter of the groups and the shape
+/// of the training errors are sufficient (intervals of 95 % contain 95.0 to 95.7 % of the sensor
+/// model's errors from 60 groups on), and one fit per group would take long.
 pub(super) const MOST_GROUPS: usize = 50;
 
 /// From the `score` of each of `groups` groups; `None` if there are too many, or only one.
@@ -32,8 +32,8 @@ pub(super) fn of_scores(
     Some(GroupIntervals::from_groups(&scores))
 }
 
-/// Computes the `score` of each group; `None` if [`Workers::watch`] cancels, which the next pass
-/// reports.
+/// Computes the `score` of each group, on all threads; `None` if [`Workers::watch`] cancels, which
+/// the next pass over the rows reports.
 pub(super) fn each<T: Send>(
     groups: usize,
     workers: Workers<'_>,
@@ -42,8 +42,8 @@ pub(super) fn each<T: Send>(
     map(&(0..groups).collect::<Vec<_>>(), workers, |&group| Ok(score(group))).ok()
 }
 
-/// Mean and scatter of a group's errors, in standard errors, from the fit to all others, if
-/// possible.
+/// Mean and scatter of the errors of a group, in standard errors, from the fit to all others;
+/// `None` if that is impossible.
 pub(super) fn score_without(
     total: &ExactSums,
     groups: &[(String, ExactSums)],
@@ -58,8 +58,8 @@ pub(super) fn score_without(
     Some(score_of(&errors, &variances[0], &scatter, fit.solution.rows))
 }
 
-/// Like [`score_without`] from R factors, for a solution with this `scatter`; `None` without its
-/// features.
+/// Mean and scatter of the errors of a group from R factors, for a solution with the given
+/// `scatter` of coefficients; `None` if its features were not kept.
 pub(super) fn score_on(
     rows: &FactoredGroups,
     group: usize,
@@ -71,8 +71,8 @@ pub(super) fn score_on(
     Some(score_of(&errors, &variance, scatter, solution.rows))
 }
 
-/// Mean and scatter of a group's errors, in standard errors of the fit to `rows` other rows.
-/// `variance` of its rows comes from the coefficients.
+/// Mean and scatter of the errors of a group, in standard errors of the fit to `rows` other rows.
+/// `variance` is the variance of its rows that comes from the coefficients.
 pub(super) fn score_of(
     errors: &PerAxis<HeldOutErrors>,
     variance: &PerAxis<f64>,

@@ -11,7 +11,7 @@ use crate::held_out_errors::HeldOutErrors;
 use crate::quality::significant;
 use shell_data::wrench::PerAxis;
 
-/// Relative to the standard deviation of the loads; smaller errors are rounding.
+/// Relative to the standard deviation of the loads, smaller errors are rounding and do not count.
 const NO_ERROR: f64 = 1e-8;
 
 /// The errors of two models on the same held-out rows.
@@ -35,8 +35,8 @@ pub struct FoldMean {
 }
 
 impl FoldMean {
-    /// Computes the mean from rows and value of each fold (Cochran, Sampling Techniques, 3rd ed.,
-    /// §6.3).
+    /// Computes the mean from the rows and the value of each fold (Cochran, Sampling Techniques,
+    /// 3rd ed., §6.3, for a ratio).
     pub fn new(folds: &[(u64, f64)]) -> Self {
         let total: f64 = folds.iter().map(|(rows, _)| *rows as f64).sum();
         let share = |rows: u64| rows as f64 / total;
@@ -123,13 +123,13 @@ impl RelativeErrors {
         Self { means: std::array::from_fn(mean), folds }
     }
 
-    /// Logarithm of the mean over the folds, and its standard error; for several axes, of the
-    /// geometric mean.
+    /// The natural logarithm of the mean over the folds, and its standard error; for several axes,
+    /// of the geometric mean.
     pub(super) fn log(&self, axes: &[usize]) -> FoldMean {
         FoldMean { value: self.log_mean(axes), ..FoldMean::new(&self.shares(axes)) }
     }
 
-    /// Ratio to another model on the same folds.
+    /// The logarithm of the ratio to the errors of another model on the same folds.
     fn log_ratio(&self, other: &Self, axes: &[usize]) -> FoldMean {
         let (own, others) = (self.shares(axes), other.shares(axes));
         let apart = own.iter().zip(&others).map(|((rows, own), (_, other))| (*rows, own - other));
@@ -141,7 +141,7 @@ impl RelativeErrors {
         axes.iter().map(|&axis| libm::log(self.means[axis])).sum::<f64>() / axes.len().max(1) as f64
     }
 
-    /// Error on each fold relative to the mean, averaged over some axes.
+    /// The error on each fold relative to the mean, averaged over some axes.
     fn shares(&self, axes: &[usize]) -> Vec<(u64, f64)> {
         let share = |(rows, errors): &(u64, PerAxis<f64>)| {
             let of = axes.iter().map(|&axis| errors[axis] / self.means[axis]);

@@ -8,8 +8,8 @@ use crate::model::Model;
 use crate::uncertainty::student_quantile;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Ratio of the error on new groups to that of a random split from which to warn about similar
-/// rows.
+/// The ratio of the error on new groups to the error of a random split above which a warning about
+/// similar rows in groups is justified.
 pub const SUSPICIOUS_RATIO: f64 = 2.0;
 
 /// Errors on held-out rows, on one axis, in N or N·m.
@@ -105,7 +105,7 @@ impl CrossValidation {
         Self { by_fold: Vec::new(), ..self }
     }
 
-    /// The factor from the mean error to that of a new fold that is not exceeded with 95 %
+    /// The factor between the error of a new fold and the mean error that is not exceeded with 95 %
     /// probability, from the scatter between the folds; `None` with one fold.
     pub fn spread(&self) -> Option<PerAxis<f64>> {
         let n = self.by_fold.len() as f64;
@@ -184,7 +184,7 @@ pub fn sizes(sums: &SumsByGroup) -> Vec<u64> {
     sums.groups.iter().map(|(_, moments)| moments.rows()).collect()
 }
 
-/// Each group is alone if `folds` is `None`.
+/// Assigns groups with these numbers of rows to folds; each group alone if `folds` is `None`.
 pub(super) fn assign_to_folds(
     rows: &[u64],
     folds: Option<usize>,

@@ -31,15 +31,15 @@ use shell_data::dataset::LabelRuns;
 pub struct GroupSums {
     empty: GroupWorker,
     labels: Vec<Arc<str>>,
-    /// Every group, and those folds that have been handed over.
+    /// The sums of every group, and of those folds that have been handed over.
     sums: BTreeMap<SummedRows, Option<ExactSums>>,
-    /// Groups that have been assigned to sets, as hashes.
+    /// Hashes of the groups that have been assigned to sets.
     assigned: HashSet<u64>,
 }
 
 impl GroupSums {
-    /// Starts with zero rows, for `basis` and the bases within it; `random` defines the random
-    /// folds.
+    /// Starts with zero rows, for `basis` and the bases within it. `apart` selects separate sums
+    /// for groups or sets; `random` defines the random folds.
     pub fn new(basis: Basis, channels: usize, apart: Apart, random: RandomSplit) -> Self {
         let (sums, open) = (BTreeMap::new(), VecDeque::new());
         let adder = Adder::new(basis, channels);
@@ -166,7 +166,7 @@ impl SumsByGroup {
         Ok(Self { group_count: groups.len(), groups, random, total })
     }
 
-    /// Prepares the sums of all rows for fits without groups.
+    /// The sums of all rows, prepared for fits without groups.
     ///
     /// # Errors
     /// [`FitError`] if there are fewer than two groups, or the features of the model were not
@@ -181,7 +181,7 @@ impl SumsByGroup {
         self.total().filter(|_| found > 1).ok_or(FitError::TooFewGroups { found })
     }
 
-    /// Sums over the groups at these positions.
+    /// The sums over the rows of a fold, given by the positions of its groups.
     ///
     /// # Panics
     /// If the fold is empty.
@@ -284,7 +284,7 @@ impl GroupWorker {
         sums.into_iter().map(move |(rows, sums)| Ok((rows, self.adder.finish(sums)?)))
     }
 
-    /// Adds rows, each once. Returns sums to hand over.
+    /// Adds some rows of the columns to the sums, each row once. Returns sums to hand over.
     fn add_rows<'a>(
         &mut self,
         summed: SummedRows,
@@ -321,8 +321,8 @@ impl GroupWorker {
     }
 }
 
-/// Replaces group labels with set labels, always the same for a label. Also returns hashes of the
-/// groups.
+/// Replaces group labels with set labels. Also returns the hashes of the groups. A label always
+/// belongs to the same set.
 fn assign_to_sets(runs: &[(String, usize)]) -> (Option<LabelRuns>, Vec<u64>) {
     let assign = |(label, rows): &(String, usize)| {
         // FNV-1a with a final mix, because its high bits are poor for short labels.
@@ -336,7 +336,7 @@ fn assign_to_sets(runs: &[(String, usize)]) -> (Option<LabelRuns>, Vec<u64>) {
     (Some(sets), hashes)
 }
 
-/// Labels in the order of their first rows.
+/// The rows of every label, with labels in the order of their first rows.
 fn rows_by_label(runs: &[(String, usize)]) -> Vec<(Arc<str>, Vec<usize>)> {
     let mut index: HashMap<&str, usize> = HashMap::new();
     let mut labels: Vec<(Arc<str>, Vec<usize>)> = Vec::new();
@@ -358,7 +358,7 @@ mod tests {
     use crate::exact::Accumulator;
     use shell_data::block::Block;
 
-    /// Two channels from row `start` on; consecutive rows belong to different groups.
+    /// `rows` rows of two channels from `start` on; consecutive rows belong to different groups.
     fn interleaved(start: usize, rows: usize, groups: usize) -> Block {
         let number = |row: usize, column: u64| (mix(row as u64 ^ (column << 32)) >> 54) as f64;
         let column = |column: u64| (start..start + rows).map(|row| number(row, column)).collect();

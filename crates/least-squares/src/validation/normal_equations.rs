@@ -26,14 +26,14 @@ use crate::solver::ReadingSums;
 use crate::vectors::lower_product;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Larger families are excluded from a choice: the covariance over groups, with an eigenvalue
-/// problem for each, would take minutes.
+/// Families with more features than this are excluded from a choice: the covariance over groups of
+/// rows, with an eigenvalue problem for each group, would take minutes.
 const MOST_FEATURES: usize = 600;
 
-/// Rows whose features are computed together.
+/// Number of rows whose features are computed together.
 const CHUNK: usize = 1024;
 
-/// Smaller squares of pivots, with columns of norm one, are rounding errors.
+/// Squares of pivots below this, with columns of norm one, are rounding errors.
 const LEAST_PIVOT: f64 = 1e-13;
 
 #[derive(Clone, Debug)]
@@ -91,8 +91,8 @@ impl NormalEquations {
         self.products.submatrix(0, self.features, self.features, Axis::ALL.len())
     }
 
-    /// Features × 6, with a ridge on columns of norm one, except the column `free`; `None` if the
-    /// rows do not determine them.
+    /// The coefficients, features × 6, with a ridge on columns of norm one, except the column
+    /// `free`; `None` if the rows do not determine them.
     fn solve(&self, ridge: f64, free: Option<usize>) -> Option<Mat<f64>> {
         let p = self.features;
         if self.rows < p as u64 && ridge == 0.0 || !self.products.is_all_finite() {
@@ -126,14 +126,14 @@ impl NormalEquations {
             let squares =
                 square - 2.0 * (own.transpose() * of) + own.transpose() * explained.col(axis);
             let sum = ones.map_or(0.0, |ones| explained[(ones, axis)] - of[ones]);
-            // Cancellation may leave a negative number.
+            // Cancellation may leave a negative number, which is impossible for a sum of squares.
             HeldOutErrors { rows: self.rows, sum, squares: squares.max(0.0) }
         })
     }
 }
 
 /// The sums of all matrices but each one. Nothing is subtracted, so a large one leaves no rounding
-/// errors.
+/// errors in the sum without it.
 pub fn sums_without_each<'a>(
     parts: impl DoubleEndedIterator<Item = &'a Mat<f64>> + ExactSizeIterator + Clone,
 ) -> Vec<Mat<f64>> {
@@ -154,7 +154,7 @@ pub fn sums_without_each<'a>(
     sums
 }
 
-/// Terms of a model among those of another; `None` if that lacks some.
+/// The positions of the terms of a model among those of another; `None` if that lacks some.
 fn positions(part: &Model, whole: &Model) -> Option<Vec<usize>> {
     let places: HashMap<_, _> = whole.terms().into_iter().zip(0..).collect();
     part.terms().iter().map(|term| places.get(term).copied()).collect()
@@ -180,8 +180,7 @@ pub fn select(
     let scaling = sums.scaling(model.intercept);
     let model = |basis| Model { basis, ..model };
     let families = Basis::ALL.map(model).into_iter().filter(|of| of.term_count() <= MOST_FEATURES);
-    // From the largest on; the equations of a family are part of those of a larger one with its
-    // terms.
+    // From the largest on, each family that is not part of an earlier one.
     let mut summed: Vec<(Model, Vec<NormalEquations>)> = Vec::new();
     for family in families.rev() {
         if summed.iter().all(|(larger, _)| positions(&family, larger).is_none()) {

@@ -51,8 +51,8 @@ pub struct Candidate {
 /// The prediction errors of a model on held-out groups.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct CandidateErrors {
-    /// Squared error relative to the standard deviation of each axis: mean over folds, geometric
-    /// mean over axes.
+    /// The square of the error relative to the standard deviation of each axis: the mean over folds
+    /// and the geometric mean over axes.
     pub score: f64,
     /// Standard error of the score.
     pub standard_error: f64,
@@ -91,7 +91,7 @@ impl Tried {
         &self.errors[self.selection.chosen]
     }
 
-    /// `None` if they are the same.
+    /// Compares the errors of two candidates; `None` if they are the same.
     ///
     /// # Panics
     /// If one of them cannot be fitted.
@@ -128,7 +128,7 @@ pub fn select(sums: &SumsByGroup, intercept: bool, ridges: &[f64]) -> Result<Tri
     choose(model, ridges, variances, errors_of)
 }
 
-/// `None` if the model cannot be fitted without one of the folds.
+/// The errors on each fold by ridge; `None` if the model cannot be fitted without one of the folds.
 pub(super) type ErrorsByRidge<'a> = Box<dyn Fn(f64) -> Option<Vec<PerAxis<HeldOutErrors>>> + 'a>;
 
 /// `errors_of` returns `None` for a family that cannot be fitted.
@@ -243,8 +243,8 @@ impl Advice {
         }
     }
 
-    /// Returns true if another model has a smaller error than the requested one, by more than a
-    /// standard error.
+    /// Returns true if another model has a smaller error on new groups than the requested one, by
+    /// more than a standard error of the ratio.
     pub fn another_is_better(&self) -> bool {
         self.given.is_some_and(|given| given.all.first_is_better())
     }

@@ -13,10 +13,10 @@ use calibration_file::CalibrationFile;
 use serde::Serialize;
 use shell_data::wrench::{Axes, PerAxis};
 
-/// Coverage probability of an expanded uncertainty.
+/// The coverage probability of an expanded uncertainty.
 const LEVEL: f64 = 0.95;
 
-/// Coverage factor without known degrees of freedom: 95 % of normal errors.
+/// The coverage factor if no degrees of freedom are known: 95 % of normal errors.
 const COVERAGE: f64 = 2.0;
 
 /// The content of a certificate, N and N·m.
@@ -27,29 +27,29 @@ pub struct Certificate<'a> {
     pub name: &'a str,
     pub checksum: &'a str,
     pub budget: &'a [Contribution],
-    /// Statement on the 95 % intervals of single frames.
+    /// A statement on the 95 % intervals of single frames.
     pub intervals: &'a str,
     pub weights: &'a [CheckedLoad],
-    /// Weights, and axes of weights, that could not be compared as requested.
+    /// Weights, and axes of weights, whose comparison was requested but impossible.
     pub not_compared: &'a [String],
 }
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Contribution {
     pub source: &'static str,
-    /// Type (GUM, 3.3.4): "A" from observations, "B" from prior knowledge.
+    /// The type of evaluation (GUM, 3.3.4): "A" from observations, "B" from prior knowledge.
     pub evaluation: &'static str,
-    /// Origin of the number, or reason for its absence.
+    /// The origin of the number, or the reason for its absence.
     pub basis: String,
-    /// Standard uncertainty of each axis, if known.
+    /// The standard uncertainty of each axis, if known.
     pub standard: Option<PerAxis<f64>>,
     /// From the number of observations (GUM, G.3.3); `None` if the uncertainty is taken as exact.
     pub degrees_of_freedom: Option<f64>,
-    /// Another line already includes it.
+    /// True if another line already includes it.
     pub is_part: bool,
 }
 
-/// Significant digits only.
+/// Formats degrees of freedom with the significant digits only.
 fn digits(degrees: f64) -> String {
     match degrees.is_finite() {
         true => significant(degrees, usize::max(2, degrees.log10() as usize + 1)),
@@ -65,10 +65,10 @@ pub struct CheckedLoad {
     pub measured: PerAxis<f64>,
     pub allowed: PerAxis<f64>,
     pub off: Axes,
-    /// The weight is so light that an unloaded sensor would pass as well.
+    /// True if the weight is so light that an unloaded sensor would pass as well.
     pub cannot_tell: bool,
-    /// Angle between measured and stated force, if the magnitudes agree and the angle exceeds the
-    /// limit.
+    /// The angle between the measured and the stated force, degrees, if their magnitudes agree and
+    /// the angle exceeds the limit.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub turned_deg: Option<f64>,
 }
@@ -81,8 +81,8 @@ impl Certificate<'_> {
         std::array::from_fn(|axis| squares(axis).fold(0.0, |sum, square| sum + square).sqrt())
     }
 
-    /// Effective degrees of freedom by the Welch-Satterthwaite formula (GUM, G.4.1); infinite if
-    /// all are.
+    /// The effective degrees of freedom of each axis by the Welch-Satterthwaite formula (GUM,
+    /// G.4.1); infinite if all uncertainties are taken as exact.
     pub fn degrees_of_freedom(&self) -> PerAxis<f64> {
         let combined = self.combined();
         let parts = self.budget.iter().filter(|of| !of.is_part);
@@ -94,8 +94,8 @@ impl Certificate<'_> {
         })
     }
 
-    /// Coverage factor: the 95 % quantile of Student's t (GUM, G.6.4), or 2 for infinite degrees of
-    /// freedom.
+    /// The coverage factor of each axis: the 95 % quantile of Student's t (GUM, G.6.4), or 2 for
+    /// infinite degrees of freedom.
     pub fn coverage(&self) -> PerAxis<f64> {
         self.degrees_of_freedom().map(|degrees| match degrees.is_finite() {
             true => student_quantile(LEVEL, degrees),

@@ -6,13 +6,13 @@ use calibration::fit::FewGroups;
 use calibration::validation::cross_validation::CrossValidation;
 use shell_data::wrench::Axis;
 
-/// Condition number of the loads' correlation above which axes are poorly separated.
+/// The condition number of the loads' correlation above which axes are poorly separated.
 const POOR_CONDITION: f64 = 10.0;
 
-/// Share of test rows outside the training range above which it is reported.
+/// The share of test rows outside the range of the training data above which it is reported.
 const MUCH_OUTSIDE: f64 = 0.05;
 
-/// Sentences, the most important first.
+/// The limits as sentences, the most important first.
 pub(super) fn limits(report: &CalibrationReport<'_>) -> Vec<String> {
     let mut limits = Vec::new();
     let (fit, axes) = (report.fit, report.file.calibration.axes);

@@ -25,13 +25,13 @@ use figures::{FitPlot, Size, coverage_figure, fit_figure};
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// Groups shown at once: those with the largest errors.
+/// Number of groups shown at once, those with the largest errors.
 const WORST: usize = 10;
 
-/// A report should stay readable.
+/// The maximum number of groups listed: a report should stay readable.
 const MOST_GROUPS: usize = 1000;
 
-/// Loads plotted of the training rows, and of the test rows.
+/// Number of loads plotted from the training rows, and as many from the test rows.
 const LOADS: u64 = 600;
 
 #[derive(Clone, Debug)]
@@ -62,7 +62,7 @@ pub fn plots(fit: &Fit) -> (FitPlot, Option<FitPlot>) {
 }
 
 impl CalibrationReport<'_> {
-    /// Content of a file.
+    /// The report as the content of an HTML file.
     ///
     /// # Errors
     /// [`FitError`] if the errors of groups cannot be computed.
@@ -153,7 +153,7 @@ fn predicted(report: &CalibrationReport<'_>, title: &str) -> String {
     drawing("predicted", &svg, &alt, &caption)
 }
 
-/// `svg` plots the loads of training and test rows.
+/// The section on the loads; `svg` plots the loads of training and test rows.
 fn coverage(report: &CalibrationReport<'_>, svg: &str) -> String {
     let Some(excitation) = &report.fit.excitation else { return String::new() };
     let axes = report.file.calibration.axes;
@@ -195,7 +195,7 @@ fn loads(excitation: &Excitation, axes: Axes) -> Vec<Column> {
     ]
 }
 
-/// Groups with the largest errors, and a collapsed list of all.
+/// The groups with the largest errors, and a collapsed list of all groups.
 fn by_group(rows: &[(&str, &GroupErrors)], axes: Axes) -> String {
     if rows.len() < 2 {
         return String::new();

@@ -64,14 +64,14 @@ pub(super) fn effect(report: &Report<'_>, plots: &Plots) -> String {
     html + &table("Mean per trial, with the half width of its 95 % interval", &columns)
 }
 
-/// A sentence per quantity on the differences from the reference.
+/// A sentence for every quantity on the differences of conditions from the reference.
 fn answers(compared: &[Compared<'_>], reference: &str) -> String {
     let mut html = String::new();
     for Compared { quantity, rows, scale } in compared {
         if rows.iter().all(|row| row.difference.is_none()) {
             continue;
         }
-        // With a confidence interval.
+        // Conditions with a confidence interval: name, difference, interval.
         let known = rows.iter().filter_map(|row| {
             let difference = row.difference.as_ref()?;
             Some((&row.condition, difference.mean, difference.mean_95?))

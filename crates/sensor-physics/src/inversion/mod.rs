@@ -81,7 +81,7 @@ pub struct Inversion {
 }
 
 impl Inversion {
-    /// Precomputes tables of the curves.
+    /// Prepares a model.
     pub fn new(model: &PhysicsModel) -> Self {
         let all = ((1_u32 << model.channels) - 1) as u16;
         let known = model.sensors.iter().fold(0, |mask, sensor| mask | 1 << sensor.channel);
@@ -140,8 +140,8 @@ impl Inversion {
         }
     }
 
-    /// Solves misfitting rows again without the sensor whose removal leaves the least sum, if all
-    /// others then fit.
+    /// Solves rows with a misfitting reading again, without the sensor whose removal leaves the
+    /// least sum, if all others then fit.
     fn leave_out_dead(&self, readings: &[Vec<f64>], out: &mut Estimates) {
         let is_wanted = |row: &usize| {
             let flags = out.flags[*row];
@@ -260,7 +260,7 @@ impl Ready {
         (reading - self.least) * self.per_count
     }
 
-    /// Displacement minus b by this scaled reading alone, and the weight of this value.
+    /// Displacement minus b according to this scaled reading alone, and the weight of this value.
     #[inline]
     pub(super) fn start(&self, y: f64) -> (f64, f64) {
         let position = ((y - self.lo) / self.h).clamp(0.0, 1.0) * TABLE_STEPS as f64;

@@ -131,8 +131,8 @@ impl Inversion {
         for _ in 0..STEPS {
             let at = std::array::from_fn(|axis| state.x[axis] + step[axis]);
             let next = self.state(simd, frames, &at);
-            // The previous variances show whether this step goes down; the sum with the new ones is
-            // the reference for the next step.
+            // The sum with the previous variances shows whether this step goes down. The sum with
+            // the new variances is the reference for the next step.
             let (by_old, by_new) = (self.sum(&next, &state.weight), self.sum(&next, &next.weight));
             let is_down = simd.less_than_or_equal_f64s(by_old.1, before.1);
             let down = zero.replaced(is_down, active);

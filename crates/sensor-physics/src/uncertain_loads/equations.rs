@@ -91,8 +91,8 @@ impl LoadEquations {
             let mut curvature = load.curvature;
             (0..OWN).for_each(|k| curvature[k][k] *= more);
             let factor = Cholesky::new(&curvature)?;
-            // With h = L·Lᵀ: L⁻¹·coupling; elimination of the load subtracts its squares from the
-            // border.
+            // With h = L·Lᵀ: L⁻¹·coupling, whose squares the elimination of the load subtracts from
+            // the border.
             let mut taken: [Vec<f64>; OWN] = std::array::from_fn(|_| vec![0.0; border.size]);
             let mut following = taken.clone();
             for (position, descent) in descent.iter_mut().enumerate() {

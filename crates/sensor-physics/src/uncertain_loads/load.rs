@@ -21,7 +21,7 @@ pub enum StatedLoad {
         direction: [f64; 3],
         /// Point of action, from the sensor's origin, m.
         point_m: [f64; 3],
-        /// Mounting, if a lever offset is fitted for it.
+        /// Stated errors of these.
         errors: LoadErrors,
         /// Index of its mounting, if a lever offset is fitted for it.
         mounting: Option<usize>,

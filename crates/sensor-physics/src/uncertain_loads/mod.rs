@@ -35,8 +35,8 @@ use shell_data::wrench::PerAxis;
 /// Degrees of freedom of Student's prior: one load in a few dozen may be far off.
 const FREEDOM: f64 = 4.0;
 
-/// A quantity is suspicious beyond this many stated errors, or this many times the table's scatter
-/// if larger.
+/// A quantity is suspicious beyond this many stated errors, or beyond this many times the scatter
+/// of the table if that is larger.
 const FAR: f64 = 5.0;
 
 /// Standard deviation of the priors of lo, ln h and ln ν: the middle candidate of a fit.
@@ -189,8 +189,8 @@ impl LoadSearch<'_> {
         units.map(|x| x * self.mounting_m)
     }
 
-    /// Wrench of a load in the model's scales, and its derivatives by the load's deviations and the
-    /// offset of its mounting.
+    /// Wrench of a load in the scales of the model, and its derivatives with respect to the load's
+    /// deviations and the offset of its mounting.
     fn wrench(&self, at: &Unknowns, row: usize) -> (PerAxis<f64>, [PerAxis<f64>; OWN + SHARED]) {
         // Central differences of a smooth function with numbers of order 1 have a relative error of 1e-8.
         const STEP: f64 = 1e-4;

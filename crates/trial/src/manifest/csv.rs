@@ -125,7 +125,7 @@ impl Lexed {
         Self { line, columns }
     }
 
-    /// Start of field `i`, or of the last field if there is no such field.
+    /// The start of field `i`; that of the last field if there is no such field.
     fn field(&self, i: usize) -> CellPosition {
         let last = self.columns.last().copied().unwrap_or(1);
         CellPosition { line: self.line, column: self.columns.get(i).copied().unwrap_or(last) }

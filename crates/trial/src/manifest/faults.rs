@@ -68,7 +68,7 @@ impl Manifest {
         remarks
     }
 
-    /// The rows that are to be evaluated, numbered.
+    /// The rows that are trials to be evaluated, with their numbers.
     fn entries(&self) -> impl Iterator<Item = (usize, &Entry)> {
         let rows = self.rows.iter().enumerate();
         rows.filter_map(|(row, entry)| Some((row, entry.as_ref().ok().filter(|e| !e.exclude)?)))

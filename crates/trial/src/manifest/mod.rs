@@ -37,13 +37,13 @@ pub struct Entry {
     pub trial: Trial,
     pub file_position: CellPosition,
     pub condition_position: CellPosition,
-    /// Entry into the channel, s on the log's clock; `None` to find it in the forces.
+    /// Entry into the channel, s on the log's clock; `None` if it is to be found in the forces.
     pub enter: Placed<Option<f64>>,
     pub exit: Placed<Option<f64>>,
     pub exclude: bool,
 }
 
-/// A line and a column from 1; columns in characters.
+/// A line and a column of a manifest or a profile, from 1; columns in characters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 pub struct CellPosition {
     pub line: usize,
@@ -106,7 +106,7 @@ pub struct Placed<T> {
 
 type Cells<'a> = BTreeMap<&'a str, Placed<String>>;
 
-/// Columns or keys; the first four are required.
+/// The names of the columns or keys; the first four are required.
 const KEYS: [&str; 9] = [
     "file",
     "condition",
@@ -131,8 +131,8 @@ impl Manifest {
     /// Reads a manifest: TOML if `is_toml`, otherwise CSV.
     ///
     /// # Errors
-    /// [`ManifestProblem`] if the whole is invalid: not TOML, missing or unknown columns, no
-    /// trials. A problem with one trial is in its row.
+    /// [`ManifestProblem`] if the manifest as a whole is invalid: not TOML, missing or unknown
+    /// columns, no trials. A problem with one trial is in its row.
     pub fn parse(text: &str, is_toml: bool) -> Result<Self, ManifestProblem> {
         let manifest = if is_toml { Self::from_toml(text)? } else { csv::parse(text)? };
         if manifest.rows.is_empty() {
@@ -227,7 +227,7 @@ impl Entry {
 }
 
 impl Placed<String> {
-    /// Parses a value; `expected` goes into the problem of an invalid text.
+    /// Parses the value with `meaning`; the problem of an invalid text names what is `expected`.
     fn read<T>(
         &self,
         key: &str,
@@ -239,7 +239,7 @@ impl Placed<String> {
     }
 }
 
-/// One of several shares of consecutive rows.
+/// One of several shares of consecutive rows, which together make up the whole.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shard {
     number: usize,
@@ -255,13 +255,13 @@ impl Shard {
         (1 <= number && number <= of && of <= Self::MOST).then_some(Self { number, of })
     }
 
-    /// Rows of this share; sizes differ by at most one row.
+    /// The part of this share in a number of rows; sizes differ by at most one row.
     pub fn rows(self, rows: usize) -> Range<usize> {
         let end = |number: usize| (rows as u128 * number as u128 / self.of as u128) as usize;
         end(self.number - 1)..end(self.number)
     }
 
-    /// File name without extension. Names sort in the order of the shares.
+    /// The name of this share's files, without an extension. Names sort in the order of the shares.
     pub fn stem(self) -> String {
         format!("part-{:05}-of-{:05}", self.number, self.of)
     }

@@ -17,10 +17,10 @@ mod plateau;
 use plateau::{DragPlateau, PlateauFit, refine, search, standard_errors};
 
 const BINS: usize = 240;
-/// Averaging time if the length of a stride is unknown, s.
+/// The averaging time if the length of a stride is unknown, s.
 const USUAL_STRIDE_S: f64 = 0.25;
 const LEAST_CONFIDENCE: f64 = 0.5;
-/// From this confidence on, a proposal needs no inspection.
+/// From this confidence on, a proposal can be used without inspection.
 pub const GOOD_CONFIDENCE: f64 = 0.8;
 /// The minimum drag, in units of its standard error.
 const LEAST_SIGNIFICANCE: f64 = 4.0;
@@ -45,7 +45,7 @@ pub struct Proposal {
 }
 
 impl Proposal {
-    /// Returns true if it needs no inspection.
+    /// Returns true if it can be used without inspection.
     pub fn is_good(&self) -> bool {
         self.confidence >= GOOD_CONFIDENCE
     }

@@ -1,6 +1,6 @@
 //! Plateaus of the drag, and the best fit of one with standard errors.
 
-/// Initial rise and fall, each as a share of the window.
+/// Initial values of the rise and the fall, each as a share of the window.
 const RAMPS: [f64; 4] = [0.05, 0.15, 0.3, 0.45];
 
 #[derive(Clone, Copy, Debug)]
@@ -31,7 +31,7 @@ pub(super) struct PlateauFit {
     pub(super) residual: f64,
 }
 
-/// Tries every third point as entry and exit.
+/// The best plateau on a coarse grid: every third point as entry and exit.
 pub(super) fn search(points: &[(f64, f64)]) -> PlateauFit {
     const STEP: usize = 3;
     let mut best: Option<PlateauFit> = None;
@@ -152,7 +152,7 @@ fn correlation_length(residuals: &[f64]) -> f64 {
     1.0 + 2.0 * lags.take_while(|&correlation| correlation > 0.0).sum::<f64>()
 }
 
-/// A diagonal element of the inverse, by elimination; `None` if singular.
+/// A diagonal element of the inverse, by elimination with the unit vector; `None` if singular.
 fn inverse_diagonal<const N: usize>(matrix: &[[f64; N]; N], index: usize) -> Option<f64> {
     let mut left = *matrix;
     let mut right = [0.0; N];

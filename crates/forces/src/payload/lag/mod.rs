@@ -21,17 +21,17 @@ use shell_data::statistics::RunningVariance;
 
 /// Lengths of the blocks, s. Vibrations faster than the shortest would fit at several lags.
 const LENGTHS_S: [f64; 4] = [0.03, 0.06, 0.12, 0.24];
-/// Steps from zero to the largest lag searched, in either direction.
+/// Number of steps from zero to the largest lag searched, in either direction.
 const LARGEST: usize = 100;
 const STEP_S: f64 = 0.001;
 /// Steps between rows: the blocks of closer rows share most of their samples.
 const ROW: usize = 5;
 const MOST_ROWS: usize = 20_000;
-/// Parts of the recording whose scatter gives the standard error.
+/// Number of parts of the recording whose scatter gives the standard error.
 const PARTS: usize = 20;
-/// Lags this many steps from the best have to be worse …
+/// Lags at this number of steps from the best have to be worse …
 const FAR: usize = 10;
-/// … by this many standard errors of the difference; one in 300 is by chance.
+/// … by this number of standard errors of the difference; one in 300 is by chance.
 const CLEAR: f64 = 3.0;
 /// A negligible standard error, s: it leaves 6 % of a load at 10 Hz.
 const SMALL_S: f64 = 0.001;
@@ -48,15 +48,15 @@ impl Lag {
         self.standard_error_s <= SMALL_S
     }
 
-    /// Lag to apply: zero if uncertain and within two standard errors of zero.
+    /// The lag to apply: zero if the lag is uncertain and within two standard errors of zero.
     pub fn taken_s(&self) -> f64 {
         let is_zero = !self.is_certain() && self.lag_s.abs() < 2.0 * self.standard_error_s;
         if is_zero { 0.0 } else { self.lag_s }
     }
 }
 
-/// Estimates the lag of a motion behind the forces, N, of a sensor with `payload`. `None` if no lag
-/// is clearly best: in a run without motion, or dominated by other forces.
+/// Estimates the lag of a motion behind the forces, N, of a sensor that carries `payload`. Returns
+/// `None` if no lag is clearly best: in a run without motion, or dominated by other forces.
 pub fn find_lag(
     payload: &Payload,
     motion: &Motion,
@@ -78,11 +78,11 @@ struct LagScan<'a> {
     rows: Vec<(f64, Vector)>,
     sums: Vec<[f64; PARTS]>,
     best: usize,
-    /// Residual at the best lag, relative to the median of all lags.
+    /// The residual at the best lag, relative to the median of all lags.
     left: f64,
 }
 
-/// Step of the load, its slope over the lag, the residual and its weight.
+/// A row at a lag: the step of the load, its slope over the lag, the residual and its weight.
 struct LagRow {
     load: Vector,
     slope: Vector,
@@ -91,7 +91,7 @@ struct LagRow {
 }
 
 impl<'a> LagScan<'a> {
-    /// `None` for a recording that is too short for this length.
+    /// Returns `None` for a recording that is too short for this length.
     fn new(payload: &Payload, motion: &'a Motion, forces: &Motion, length_s: f64) -> Option<Self> {
         let mass_kg = payload.mass_kg;
         let gravity = Integral::new(motion);

@@ -8,7 +8,7 @@ const PAYLOAD: Payload =
     Payload { mass_kg: 0.5, centre_m: [0.0; 3], force_bias_n: [0.0; 3], moment_bias_nm: [0.0; 3] };
 const LENGTH_S: f64 = 20.0;
 
-/// A hand or an arm, or a robot that walks at some 5 strides/s.
+/// The carrier of a sensor: a hand or an arm, or a robot that walks at some 5 strides/s.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Mover {
     Slow,
@@ -31,7 +31,7 @@ enum Touch {
     Following,
 }
 
-/// Random phases: a smooth random function of mean square 1.
+/// Sines of these frequencies and random phases: a smooth random function of mean square 1.
 struct Wander(Vec<(f64, f64)>);
 
 impl Wander {
@@ -81,7 +81,7 @@ impl Walk {
     }
 }
 
-/// Scaled to 3 N; the load itself has about 1 N RMS.
+/// A contact force with a scale of 3 N; the load itself has about 1 N RMS.
 fn contact(kind: Touch, walk: &Walk, times: &[f64], random: &mut RandomStream) -> Vec<Vector> {
     let mut forces = vec![[0.0; 3]; times.len()];
     let direction = |random: &mut RandomStream| {
@@ -158,7 +158,7 @@ fn run(mover: Mover, kind: Touch, lag_s: f64, seed: u64) -> Option<Lag> {
 fn lags_are_found_under_contact_or_said_to_be_uncertain() {
     use Touch::*;
     let lags = [0.0063, -0.0418, 0.0771, 0.0005];
-    // Limit on the error, ms: at least twice the printed error, so other random numbers pass as
+    // The limit on the error, ms: at least twice the printed error, so other random numbers pass as
     // well. Zero if no lag is clear, infinite if only the standard error is checked.
     for (mover, kind, within_ms) in [
         (Mover::Slow, Nothing, 1.0),

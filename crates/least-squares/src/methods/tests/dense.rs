@@ -14,7 +14,7 @@ pub(crate) struct Dense<'a> {
     x: MatRef<'a, f64>,
     tails: Option<MatRef<'a, f64>>,
     y: MatRef<'a, f64>,
-    /// Exponents of the columns of `[X | Y]`.
+    /// Exponents of the powers of two that scale the columns of `[X | Y]`.
     units: Vec<i32>,
 }
 
@@ -92,7 +92,7 @@ impl RowSource for Dense<'_> {
     }
 }
 
-/// Solves `min ‖X·C − Y‖`.
+/// Solves `min ‖X·C − Y‖` for matrices in memory.
 ///
 /// # Errors
 /// As [`solve`]; also if a coefficient is too large for an `f64`.
