@@ -12,7 +12,6 @@ use twox_hash::XxHash3_128;
 use crate::error::PythonFailure;
 use crate::interrupt::Watch;
 
-/// Rows of readings and wrench.
 pub(crate) struct Arrays<'a, 'w> {
     /// One row per sample, one column per channel, counts.
     pub(crate) readings: ArrayView2<'a, f64>,
@@ -20,7 +19,6 @@ pub(crate) struct Arrays<'a, 'w> {
     pub(crate) wrench: ArrayView2<'a, f64>,
     /// The position of each row's label, and the labels.
     pub(crate) groups: Option<(ArrayView1<'a, u32>, &'a [String])>,
-    /// The time of each row, s.
     pub(crate) time: Option<ArrayView1<'a, f64>>,
     /// Number of repetitions of each row, and the index of the original row for each repeated row.
     pub(crate) repeats: Option<(ArrayView1<'a, u32>, Vec<usize>)>,
@@ -36,12 +34,12 @@ pub(crate) fn repeated(repeats: ArrayView1<'_, u32>) -> Vec<usize> {
 }
 
 impl Arrays<'_, '_> {
-    /// Number of rows.
     pub(crate) fn rows(&self) -> usize {
         self.repeats.as_ref().map_or(self.readings.nrows(), |(_, rows)| rows.len())
     }
 
-    /// Returns the rows as a data set. Without labels, and with `labels_all`, all rows get the same label.
+    /// Returns the rows as a data set. Without labels, and with `labels_all`, all rows get the same
+    /// label.
     pub(crate) fn dataset(&self, labels_all: bool) -> Result<Dataset, PythonFailure> {
         let rows = self.rows();
         let mut blocks = Vec::with_capacity(rows.div_ceil(BLOCK_ROWS));
@@ -61,7 +59,6 @@ impl Arrays<'_, '_> {
         Ok(Dataset::from_blocks("<array>", Axes::ALL, blocks))
     }
 
-    /// Returns a range of the rows.
     fn block(&self, range: Range<usize>) -> Block {
         let rows = match &self.repeats {
             Some((_, all)) => all[range.clone()].to_vec(),
@@ -93,10 +90,8 @@ impl Arrays<'_, '_> {
         }
     }
 
-    /// Returns a checksum that identifies the rows, as for a file.
     pub(crate) fn checksum(&self) -> String {
         let mut hash = XxHash3_128::new();
-        // Hashing a few bytes at a time is slow.
         let mut bytes = Vec::new();
         let rows = self.readings.nrows();
         for start in (0..rows).step_by(CHECKSUM_ROWS) {

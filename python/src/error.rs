@@ -11,12 +11,10 @@ use pyo3::prelude::*;
 use shell_data::hint::{Hint, with_causes};
 use shellcal::workflow::WorkflowError;
 
-/// A Python exception: one of the package for an error of a library, or one of Python's, such as an
-/// interrupt.
+/// An exception of the package, or one of Python's, such as an interrupt.
 #[derive(Debug)]
 pub(crate) struct PythonFailure(pub(crate) PyErr);
 
-/// The message of an error, and its place.
 #[derive(Debug, Default)]
 pub(crate) struct PythonMessage {
     /// The class of `shellcal._errors`.
@@ -43,7 +41,6 @@ impl PythonMessage {
         Self { file: Some(path.to_string_lossy().into_owned()), ..self }
     }
 
-    /// Replaces the hint, if another is given.
     fn with_hint(self, hint: Option<&str>) -> Self {
         Self { hint: hint.map(str::to_owned).or(self.hint), ..self }
     }
@@ -161,7 +158,6 @@ impl From<FitError> for PythonFailure {
     }
 }
 
-/// Returns the hint after errors of arrays.
 fn hint_after(error: &FitError) -> Option<&'static str> {
     Some(match error {
         FitError::NotExact(_) => {

@@ -23,7 +23,7 @@ use crate::error::{PythonFailure, PythonMessage};
 use crate::interrupt::without_lock;
 use crate::options;
 
-/// A calibration with its origin, and the state of its memory terms after the frames converted one by one.
+/// A calibration with its origin, and the memory terms' state after frames converted one by one.
 #[pyclass(frozen, module = "shellcal._native")]
 pub(crate) struct Fitted(pub(crate) CalibrationFile, Mutex<Option<MemoryState>>);
 
@@ -34,11 +34,10 @@ impl From<CalibrationFile> for Fitted {
     }
 }
 
-/// The result of a prediction: the wrench, and standard errors if requested.
 type Predicted<'py> = (Bound<'py, PyArray2<f64>>, Option<Bound<'py, PyArray2<f64>>>);
 
-/// Arrays from Python: readings, wrench, position of each row's label with the labels, number of repetitions
-/// of each row, its weight, and its time.
+/// Arrays from Python: readings, wrench, position of each row's label with the labels, number of
+/// repetitions of each row, its weight, and its time.
 pub(crate) type RowArrays<'py> = (
     PyReadonlyArray2<'py, f64>,
     PyReadonlyArray2<'py, f64>,
@@ -168,7 +167,6 @@ pub(crate) fn fit(
 
 #[pymethods]
 impl Fitted {
-    /// Reads a calibration file.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf, edited: bool) -> Result<Self, PythonFailure> {
         py.detach(|| match edited {
@@ -177,7 +175,6 @@ impl Fitted {
         })
     }
 
-    /// Reads a document.
     #[staticmethod]
     fn parse(
         py: Python<'_>,
@@ -195,7 +192,6 @@ impl Fitted {
         })
     }
 
-    /// Returns the document.
     fn to_json(&self, py: Python<'_>) -> String {
         py.detach(|| self.0.to_json())
     }
@@ -219,13 +215,12 @@ impl Fitted {
         Ok(calibration.axes.of(&interval_factors(calibration, level)?))
     }
 
-    /// Returns whether it has memory terms.
     fn has_memory(&self) -> bool {
         self.0.calibration.memory.is_some()
     }
 
-    /// Returns the wrench of every row, and its standard errors if requested. With memory terms, the rows
-    /// must be those of one recording, in order, at `time`.
+    /// Returns the wrench of every row, and its standard errors if requested. With memory terms,
+    /// the rows must be those of one recording, in order, at `time`.
     fn predict<'py>(
         &self,
         py: Python<'py>,

@@ -9,10 +9,8 @@ use pyo3::prelude::*;
 
 use crate::error::PythonFailure;
 
-/// Interval of checks for signals.
 const EVERY: Duration = Duration::from_millis(50);
 
-/// State shared between the work and its caller.
 #[derive(Default)]
 pub(crate) struct Watch {
     stop: AtomicBool,
@@ -20,7 +18,6 @@ pub(crate) struct Watch {
 }
 
 impl Watch {
-    /// Returns whether the caller has requested a stop.
     pub(crate) fn is_stopped(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
     }
@@ -31,8 +28,8 @@ impl Watch {
     }
 }
 
-/// Runs `work` on another thread, while this one checks for signals and reports the amount done to
-/// `progress`, if given. An exception from a signal or from `progress` stops the work and is returned.
+/// Runs `work` on another thread, while this one checks for signals and reports to `progress`. An
+/// exception from a signal or from `progress` stops the work and is returned.
 pub(crate) fn without_lock<T: Send>(
     py: Python<'_>,
     progress: Option<&Py<PyAny>>,

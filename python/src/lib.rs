@@ -1,5 +1,5 @@
-//! The Rust part of the Python package `shellcal`: fits, predictions, partial fits and logs. The public
-//! classes are written in Python, on top of these.
+//! The Rust part of the Python package `shellcal`: fits, predictions, partial fits and logs. Its
+//! public classes are written in Python.
 
 mod arrays;
 mod error;

@@ -38,7 +38,6 @@ type ReadArrays<'py> = (
     (String, u64, u64),
 );
 
-/// Reads a complete log.
 #[pyfunction]
 pub(crate) fn read_log<'py>(
     py: Python<'py>,
@@ -90,7 +89,6 @@ pub(crate) fn read_log<'py>(
     Ok((columns, groups, about))
 }
 
-/// Converts the user's assignments of columns.
 pub(crate) fn mapping(names: &OptionColumns) -> Result<Mapping, PythonFailure> {
     let mut mapping = Mapping::default();
     for (option, text) in names {

@@ -22,7 +22,6 @@ use crate::interrupt::without_lock;
 use crate::log::{ReadRules, mapping, read_options};
 use crate::options;
 
-/// The exact sums over some rows.
 #[pyclass(module = "shellcal._native")]
 pub(crate) struct Partial(PartialFit);
 
@@ -39,7 +38,6 @@ fn largest_basis(model: &str) -> Result<Basis, PythonFailure> {
 
 #[pymethods]
 impl Partial {
-    /// Sums rows of arrays, called `name`.
     #[staticmethod]
     fn from_arrays(
         py: Python<'_>,
@@ -76,7 +74,6 @@ impl Partial {
         })
     }
 
-    /// Sums rows of logs.
     #[staticmethod]
     fn from_logs(
         py: Python<'_>,
@@ -118,14 +115,12 @@ impl Partial {
         })
     }
 
-    /// Reads a document.
     #[staticmethod]
     fn parse(py: Python<'_>, document: &[u8]) -> Result<Self, PythonFailure> {
         let error = |problem| CalibrationFileError { path: "<bytes>".into(), problem };
         py.detach(|| Ok(Self(PartialFit::parse(document).map_err(error)?)))
     }
 
-    /// Reads a file.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> Result<Self, PythonFailure> {
         py.detach(|| Ok(Self(PartialFit::read(&path)?)))
@@ -181,7 +176,6 @@ impl Partial {
         self.0.sources.iter().map(source).collect()
     }
 
-    /// Fits a calibration.
     #[expect(clippy::too_many_arguments, reason = "each has a name in Python")]
     fn solve(
         &mut self,
@@ -212,7 +206,6 @@ impl Partial {
     }
 }
 
-/// Reads concatenated partial fits.
 #[pyfunction]
 pub(crate) fn read_partials(
     py: Python<'_>,

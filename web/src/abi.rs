@@ -1,8 +1,6 @@
-//! The interface between page and module: the page fills buffers (the request is the last), asks for
-//! the answer, and reads the outputs (the first is JSON).
-//!
-//! A panic ends the instance and leaves its message as the only output. If memory is exhausted there is no
-//! output.
+//! The interface between page and module: the page fills buffers (the request is the last), asks
+//! for the answer, and reads the outputs (the first is JSON). A panic ends the instance and leaves
+//! its message as the only output; exhausted memory leaves none.
 #![expect(unsafe_code, reason = "names that a page calls, and a function that it gives")]
 
 use std::cell::RefCell;
@@ -35,7 +33,6 @@ extern "C" fn buffer(length: usize) -> *mut u8 {
     start
 }
 
-/// Answers the request.
 #[unsafe(no_mangle)]
 extern "C" fn answer() {
     let (files, request) = taken();
@@ -58,7 +55,6 @@ extern "C" fn board() {
     }));
 }
 
-/// The files that came, and the request.
 fn taken() -> (Vec<Arc<[u8]>>, Arc<[u8]>) {
     std::panic::set_hook(Box::new(|panic| OUTPUTS.set(vec![panic.to_string().into_bytes()])));
     let mut files = BUFFERS.take();
@@ -72,19 +68,16 @@ fn give(Answer { document, files }: Answer) {
     OUTPUTS.set([vec![document], contents].concat());
 }
 
-/// Returns the number of outputs.
 #[unsafe(no_mangle)]
 extern "C" fn outputs() -> usize {
     OUTPUTS.with_borrow(Vec::len)
 }
 
-/// Returns the start of an output.
 #[unsafe(no_mangle)]
 extern "C" fn output(number: usize) -> *const u8 {
     OUTPUTS.with_borrow(|all| all.get(number).map_or(std::ptr::null(), |bytes| bytes.as_ptr()))
 }
 
-/// Returns the length of an output.
 #[unsafe(no_mangle)]
 extern "C" fn output_length(number: usize) -> usize {
     OUTPUTS.with_borrow(|all| all.get(number).map_or(0, Vec::len))

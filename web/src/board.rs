@@ -1,5 +1,5 @@
-//! A board at a serial port of the page. Input: its bytes, and the user's orders. Output: pictures, pieces of
-//! logs, and bytes to send. The page owns the port and the clock.
+//! A board at a serial port of the page, which owns the port and the clock. Input: bytes and the
+//! user's orders. Output: pictures, pieces of logs, and bytes to send.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
@@ -24,10 +24,8 @@ use shellcal::workflow::live::{Feed, LiveAction, LiveSession, LogSeries, guide_t
 use crate::request::FileRef;
 use crate::{Answer, Failure};
 
-/// The initial time span, s.
 const WINDOW_S: f64 = 10.0;
 
-/// The request that begins a connection.
 #[derive(Deserialize)]
 pub(crate) struct Begin {
     name: String,
@@ -44,7 +42,6 @@ pub(crate) struct Begin {
     plan: Option<FileRef>,
 }
 
-/// Events since the previous turn; the received bytes are passed as its file.
 #[derive(Deserialize)]
 struct BoardEvents {
     /// Time since the connection began, by a monotonic clock.
@@ -56,7 +53,6 @@ struct BoardEvents {
     ends: bool,
 }
 
-/// A connection with a board, recorded and displayed.
 pub struct BoardSession {
     recorder: Recorder,
     session: LiveSession,
@@ -65,7 +61,7 @@ pub struct BoardSession {
 }
 
 impl BoardSession {
-    /// Begins a connection as requested in JSON with `files`; the answer contains the first bytes to send.
+    /// Begins a connection; the answer contains the first bytes to send.
     pub fn begin(request: &[u8], files: &[Arc<[u8]>]) -> (Option<Self>, Answer) {
         let begin = || serde_json::from_slice::<Begin>(request)?.run(files);
         match begin() {
@@ -74,10 +70,10 @@ impl BoardSession {
         }
     }
 
-    /// Takes a turn as requested in JSON. The answer contains the bytes to send, a picture if requested, the
-    /// board's identity, and the names of completed logs; its files are pieces of logs, to be appended to the
-    /// log of that name. An error ends the connection: the board is told to stop, and the files keep the data
-    /// received before.
+    /// Takes a turn as requested in JSON. The answer contains the bytes to send, a picture if
+    /// requested, the board's identity, and the names of completed logs; its files are pieces of
+    /// logs, to be appended to the log of that name. An error ends the connection: the board is
+    /// told to stop, and the files keep the data received before.
     pub fn turn(&mut self, request: &[u8], bytes: &[u8]) -> Answer {
         let mut document = self.take(request, bytes).unwrap_or_else(|failure| {
             // Received data are kept; the first failure is the one reported.
@@ -167,7 +163,6 @@ fn protocol_named(name: &str) -> Result<Protocol, Failure> {
         .ok_or_else(|| format!("there is no framing `{name}`").into())
 }
 
-/// The address of all modules.
 const EVERYONE: u16 = 0xFFFF;
 
 fn in_words(identity: Identity) -> Value {

@@ -68,7 +68,6 @@ fn calibration(text: &[u8]) -> Result<Answer, Failure> {
     Ok(json!({ "kind": kind, "is_calibration": true, "columns": [], "findings": [] }).into())
 }
 
-/// Parses a table of loads, if it is one.
 fn plan(text: &[u8]) -> Option<Answer> {
     let loads = HungLoads::parse(str::from_utf8(text).ok()?).ok()?;
     let kind = format!("table of {} loads", loads.loads().len());

@@ -86,7 +86,6 @@ impl FitRequest {
         })
     }
 
-    /// Returns the training and the test logs.
     fn logs(&self, files: &[Arc<[u8]>], mapping: &Mapping) -> Result<[Vec<Log>; 2], Failure> {
         let open = |logs: &[FileRef]| {
             let logs = logs.iter().map(|log| log.log(files, mapping));
@@ -97,7 +96,7 @@ impl FitRequest {
         Ok([train, test])
     }
 
-    /// Returns the reason why a fit failed, with the names of its files if their rows are the reason.
+    /// Names the files if their rows are the reason.
     fn failure(&self, error: FitError) -> Failure {
         let is_about_rows = error.is_about_rows();
         let failure = Failure::from(WorkflowError::from(error));

@@ -1,13 +1,13 @@
-//! The functions of the page, based on the libraries of the program: a request and files in memory go in, a
-//! document and files come out.
+//! The functions of the page, based on the libraries of the program: a request and files in memory
+//! go in, a document and files come out.
 //!
 //! ```text
 //! page.js ─▶ worker.js ─▶ abi ─▶ answer ─▶ examine | fit | convert ─▶ Answer ─▶ worker.js ─▶ page.js
 //! port ◀─▶ board.js ◀─▶ worker.js ◀─▶ abi ◀─▶ BoardSession
 //! ```
 //!
-//! [`answer`] and [`BoardSession`] are pure, and tested without a browser. Every request gets a fresh
-//! instance of the module, so that no state remains from a previous request, even a cancelled one. A
+//! [`answer`] and [`BoardSession`] are pure, and tested without a browser. Every request gets a
+//! fresh instance of the module, so that no state remains from a previous or cancelled one. A
 //! connection with a board has its own instance.
 
 #[cfg(target_family = "wasm")]
@@ -39,7 +39,6 @@ use fit::FitRequest;
 pub struct Answer {
     /// The document to show; contains `error` and possibly `hint` after a failure.
     pub document: Value,
-    /// Files to save, by name.
     pub files: Vec<(String, Vec<u8>)>,
 }
 
@@ -60,7 +59,6 @@ impl Failure {
         Self { error: with_causes(error), hint }
     }
 
-    /// Adds the names of files to the error.
     fn about(self, names: &str) -> Self {
         Self { error: format!("{names}: {}", self.error), ..self }
     }
@@ -97,7 +95,6 @@ impl From<Failure> for Answer {
     }
 }
 
-/// Callbacks that receive the progress.
 #[derive(Clone, Copy)]
 pub struct Progress<'a> {
     /// Receives the number of bytes of logs read so far.
@@ -111,7 +108,6 @@ pub struct Progress<'a> {
 enum PageRequest {
     /// Detect a file's kind and its faults.
     Examine(Examine),
-    /// Fit training logs.
     Fit(FitRequest),
     /// Convert readings to forces.
     Convert(Convert),

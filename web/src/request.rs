@@ -11,7 +11,6 @@ use shell_data::wrench::PerAxis;
 
 use crate::Failure;
 
-/// A file that the page holds.
 #[derive(Deserialize)]
 pub(crate) struct FileRef {
     pub(crate) name: String,

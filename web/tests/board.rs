@@ -14,7 +14,6 @@ use shared_proto::{Command, Framing, Packet, Sample, Values};
 use shellcal_web::{Answer, BoardSession};
 use simulation::simulated_board::{BoardSettings, Load, SimulatedBoard};
 
-/// A page that keeps what it receives.
 struct Page {
     session: BoardSession,
     log: Vec<u8>,
@@ -158,7 +157,7 @@ fn a_board_is_named_started_shown_and_stopped() {
 fn loads_that_are_held_are_labelled_while_a_log_is_made_and_ended() {
     let plan = b"group,force_n,direction\nahead,1.5,+x\nastern,1.5,-x\n";
     let mut page = begin(json!({ "plan": { "name": "plan.csv", "file": 0 } }), &[plan]).unwrap();
-    // At rest, a load for 5 s, none for 3 s, another.
+    // No load, a load for 5 s, none for 3 s, another.
     let noise = |n: u16| [16_000, 16_016, 15_984][usize::from(n % 3)];
     let load = |n: u16| match n {
         300..800 => noise(n) + 4000,

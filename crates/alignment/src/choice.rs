@@ -1,32 +1,28 @@
 //! Selection of the kinds of memory of a sensor, and the dependence of the offset on it.
 //!
-//! All sums of families of features ([`Family`]) are compared on one Gram matrix, at the solution of the
-//! largest model. With n rows, C channels, p features used and Σ̂ the residual covariance, the model with the
-//! lowest
+//! All sums of families of features ([`Family`]) are compared on one Gram matrix, at the solution
+//! of the largest model. With n rows, C channels, p features used and Σ̂ the residual covariance,
+//! the model with the lowest `BIC = n log det Σ̂ + p C log n` (Schwarz, Ann. Statist. 6, 461, 1978)
+//! is chosen.
 //!
-//! ```text
-//! BIC = n log det Σ̂ + p C log n
-//! ```
+//! Other models are equally plausible if their residuals are not much larger. Each gives another
+//! offset, one Gauss-Newton step away. Noise alone makes nested models differ by
+//! `Var(ô₁ − ô₂) = |Var ô₁ − Var ô₂|` (Hausman, Econometrica 46, 1251, 1978). Any further scatter
+//! of the offsets about the chosen one is an error that no residual shows.
 //!
-//! (Schwarz, Ann. Statist. 6, 461, 1978) is chosen; too many features cost variance, too few cost bias. Other
-//! models are equally plausible as long as their residuals are not much larger. Each gives another offset,
-//! one Gauss-Newton step away. Noise alone makes nested models differ by `Var(ô₁ − ô₂) = |Var ô₁ − Var ô₂|`
-//! (Hausman, Econometrica 46, 1251, 1978). The scatter of the offsets about the chosen one beyond that noise
-//! is an error that no residual shows.
-//!
-//! Friction that depends on the speed ([`Family::QuickLags`]) delays all readings by about the same time,
-//! which is nearly indistinguishable from an offset. It is never chosen. If the criterion prefers it, the
-//! change of the offset with it, times [`SPEED`], is added as an uncertainty.
+//! Friction that depends on the speed ([`Family::QuickLags`]) delays all readings by about the same
+//! time, nearly indistinguishable from an offset. It is never chosen. If the criterion prefers it,
+//! the change of the offset with it, times [`SPEED`], is added as an uncertainty.
 
 use super::normal::{GramSums, Projected, inverse};
 use super::response::Family;
 
-/// Models whose residuals are larger by at most this factor, in the geometric mean of the channels, remain
-/// plausible.
+/// Models whose residuals are larger by at most this factor, in the geometric mean of the channels,
+/// remain plausible.
 const PLAUSIBLE: f64 = 1.3;
 
-/// The error due to speed-dependent friction, relative to the shift of the offset by quick lags. The value
-/// was determined with simulated sensors with bristles (`docs/alignment.md`).
+/// The error due to speed-dependent friction, relative to the shift of the offset by quick lags.
+/// The value was determined with simulated sensors with bristles (`docs/alignment.md`).
 const SPEED: f64 = 3.0;
 
 /// Differences within this number of standard deviations of the noise are put down to it.
@@ -34,7 +30,6 @@ const CHANCE: f64 = 2.0;
 
 struct FamilyChoice {
     keep: Vec<bool>,
-    /// True if it has quick lags.
     is_quick: bool,
     step: [f64; 2],
     white: [[f64; 2]; 2],
@@ -42,14 +37,12 @@ struct FamilyChoice {
     criterion: f64,
 }
 
-/// All combinations of the families that occur.
 pub(super) struct Candidates {
     all: Vec<FamilyChoice>,
     channels: usize,
 }
 
 impl Candidates {
-    /// Compares models; `families` has an entry for each feature of `gram`.
     pub(super) fn new(gram: &GramSums, families: &[Option<Family>], channels: usize) -> Self {
         let present: Vec<Family> =
             Family::ALL.into_iter().filter(|family| families.contains(&Some(*family))).collect();
@@ -66,12 +59,10 @@ impl Candidates {
         Self { all: (0..1 << present.len()).filter_map(candidate).collect(), channels }
     }
 
-    /// The features of the best model.
     pub(super) fn best(&self) -> Option<&Vec<bool>> {
         self.best_of(false).map(|best| &best.keep)
     }
 
-    /// The best model with quick lags, or the best without.
     fn best_of(&self, quick: bool) -> Option<&FamilyChoice> {
         let all = self.all.iter().filter(|choice| choice.is_quick == quick);
         all.min_by(|a, b| a.criterion.total_cmp(&b.criterion))
@@ -81,7 +72,7 @@ impl Candidates {
     pub(super) fn spread_about(&self, keep: &[bool]) -> [f64; 2] {
         let Some(chosen) = self.all.iter().find(|c| c.keep == keep) else { return [0.0; 2] };
         let ruled_out = chosen.log_volume + 2.0 * self.channels as f64 * PLAUSIBLE.ln();
-        // A model with more features, which the criterion rejects, differs only by noise in these features.
+        // Features that the criterion rejects make the offset differ only by noise.
         let has_more = |c: &FamilyChoice| {
             c.keep != keep && c.keep.iter().zip(keep).all(|(more, kept)| *more || !kept)
         };
@@ -122,8 +113,8 @@ mod tests {
 
     const FAMILIES: [Option<Family>; 3] = [None, Some(Family::AxisPlays), Some(Family::Lags)];
 
-    /// One channel that follows the feature 0 with a delay, which is a share of the memory 1; the memory 2 is
-    /// unused. The slope equals that of the feature 0.
+    /// One channel that follows the feature 0 with a delay, which is a share of the memory 1; the
+    /// memory 2 is unused. The slope equals that of the feature 0.
     fn gram(share: f64, noise: f64) -> GramSums {
         let mut gram = GramSums::new(3, 1);
         let mut random = Random(3);
@@ -149,8 +140,8 @@ mod tests {
 
     #[test]
     fn models_with_other_offsets_widen_the_error_unless_their_residuals_are_worse() {
-        // Without the play, its delay is attributed to the offset: 0.3 of a play that is 0.3 late is about
-        // 0.09.
+        // Without the play, its delay is attributed to the offset: 0.3 of a play that is 0.3 late
+        // is about 0.09.
         let seen = gram(0.3, 0.02);
         let candidates = Candidates::new(&seen, &FAMILIES, 1);
         let keep = candidates.best().unwrap().clone();

@@ -1,18 +1,18 @@
-//! The coarse match of two recordings: all offsets at once, for any map from wrench to readings.
+//! Coarse match of two recordings: all offsets at once, for any map from wrench to readings.
 //!
-//! Both sides are averaged into bins, differenced (which removes drift and long holds) and whitened, so that
-//! the six columns x of the wrench and the columns y of the readings each have unit covariance. At an offset
-//! of l bins, a linear map of the wrench then explains this share of the readings' changes:
+//! Both sides are averaged into bins, differenced (which removes drift and poses) and whitened, so
+//! that the six columns x of the wrench and the columns y of the readings each have unit
+//! covariance. At an offset of l bins, a linear map of the wrench then explains this share of the
+//! readings' changes, with E the energies in the overlap:
 //!
 //! ```text
 //! R²(l) = Σ_ij c_ij(l)² / (E_x(l)/d_x · E_y(l))      c_ij(l) = Σ_k x_i[k + l] y_j[k]
 //! ```
 //!
-//! with E the energies in the overlap. It is the mean square of the canonical correlations, except that the
-//! whitening uses the whole recordings. All c_ij come from fast Fourier transforms. The *score* weights R²
-//! with the share of the readings' energy in the overlap, so that a short overlap cannot win by chance. A
-//! match is accepted if its R² is large. Other peaks with a score close to the best are *rivals*, which the
-//! refinement has to rule out.
+//! It is the mean square of the canonical correlations, except that the whitening uses the whole
+//! recordings. The *score* weights R² with the share of the readings' energy in the overlap, so
+//! that a short overlap cannot win by chance. A match is accepted if its R² is large. Other peaks
+//! with a score close to the best are *rivals*, which the refinement has to rule out.
 
 use faer::{Mat, Side as Triangle};
 use rustfft::algorithm::Radix4;
@@ -26,7 +26,7 @@ use super::recording::Clean;
 const BIN_S: f64 = 0.02;
 /// With more rivals than this, the load is periodic.
 const MOST_RIVALS: usize = 4;
-/// Changes are clipped to this number of standard deviations, so that a damaged frame does not decide.
+/// Changes are clipped to this many standard deviations, so that a damaged frame does not decide.
 const CLIP: f64 = 6.0;
 /// Directions weaker than this fraction of the strongest are not scaled up to unit variance.
 const FLOOR: f64 = 0.02;
@@ -35,17 +35,14 @@ const FLOOR: f64 = 0.02;
 pub(super) struct Match {
     /// Reference time minus board time, each since the start of its recording, s.
     pub(super) offset_s: f64,
-    /// Share of the readings' changes explained.
     pub(super) explained: f64,
     /// Score of the second-best peak relative to the best.
     pub(super) ratio: f64,
-    /// Offsets of peaks close to the best, s, the highest first.
     pub(super) rivals: Vec<f64>,
     /// Score against offset (s), relative to the best, for a figure.
     pub(super) scores: Vec<(f64, f64)>,
 }
 
-/// Finds the offset at which the rows of `board` from `from_s` to `to_s` match the reference.
 pub(super) fn find_match(
     reference: &Clean,
     board: &Clean,
@@ -87,8 +84,8 @@ fn argmax(values: &[f64], range: std::ops::Range<usize>) -> Option<usize> {
     range.max_by(|&a, &b| values[a].total_cmp(&values[b]))
 }
 
-/// The peaks other than `best`, the highest first, down to `high`; at most one more than the maximum number
-/// of rivals.
+/// The peaks other than `best`, the highest first, down to `high`; at most one more than the
+/// maximum number of rivals.
 fn peaks(scores: &[f64], best: usize, high: f64) -> Vec<usize> {
     let mut left = scores.to_vec();
     let mut peaks = Vec::new();
@@ -118,13 +115,11 @@ fn lobe(scores: &[f64], best: usize) -> (usize, usize) {
     (low, high)
 }
 
-/// Whitened changes from bin to bin; zero for bins without data.
 struct Changes {
     bins: usize,
     columns: Vec<Vec<f64>>,
     /// Squared length of each change, 0 for none.
     squared: Vec<f64>,
-    /// 1 for each change.
     present: Vec<f64>,
     energy: f64,
 }
@@ -169,7 +164,6 @@ impl Changes {
     }
 }
 
-/// Gives the columns unit covariance, except for directions with hardly any signal.
 fn whiten(columns: &mut Vec<Vec<f64>>, present: &[f64]) {
     let rows: f64 = present.iter().sum::<f64>().max(1.0);
     columns.retain_mut(|column| {
@@ -201,8 +195,8 @@ fn whiten(columns: &mut Vec<Vec<f64>>, present: &[f64]) {
         .collect();
 }
 
-/// The share of the readings' changes that the wrench explains at each offset, from −(y.bins − 1) on, and
-/// their energy in the overlap; zero if fewer than `fewest_bins` bins or hardly any energy overlap.
+/// Explained share at each offset, from −(y.bins − 1) on, and energy of the readings in the
+/// overlap; zero if fewer than `fewest_bins` bins or hardly any energy overlap.
 fn explained(x: &Changes, y: &Changes, fewest_bins: f64) -> (Vec<f64>, Vec<f64>) {
     let fft = Fft::new(x.bins + y.bins - 1, y.bins);
     let xs: Vec<_> = x.columns.iter().map(|column| fft.forward(column)).collect();
@@ -231,7 +225,6 @@ fn explained(x: &Changes, y: &Changes, fewest_bins: f64) -> (Vec<f64>, Vec<f64>)
     (0..fft.lags).map(at).unzip()
 }
 
-/// Transforms of one length, a power of two.
 struct Fft {
     forward: Radix4<f64>,
     inverse: Radix4<f64>,

@@ -11,11 +11,10 @@ pub(crate) const LEAST_EXPLAINED: f64 = 0.25;
 /// The highest score of another peak, relative to the best, that is not a rival.
 pub(crate) const HIGHEST_RATIO: f64 = 0.7;
 
-/// The largest plausible skew, ppm: ten times the tolerance of crystals, and enough for most ceramic
-/// resonators.
+/// The largest plausible skew, ppm: ten times the tolerance of crystals, and enough for most
+/// ceramic resonators.
 pub(crate) const LARGEST_SKEW_PPM: f64 = 1000.0;
 
-/// The maximum number of edges of a sync signal.
 pub(crate) const MOST_EDGES: usize = 4096;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -26,58 +25,47 @@ pub enum RecordingSide {
     Board,
 }
 
-/// Two recordings that cannot be aligned, or not with certainty.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum AlignError {
-    /// Columns of unequal length, or none. The fields are the number of times, and the first other length (0
-    /// without columns).
+    /// Columns of unequal length, or none; `expected` is the number of times.
     #[error("{side}: columns of {found} rows beside {expected} times")]
     Shape { side: RecordingSide, expected: usize, found: usize },
-    /// The clock of a recording goes backward too often: `rows` rows are not later than all rows before them.
+    /// Rows that are not later than all rows before them.
     #[error("{side}: time does not go forward in {rows} of {of} rows")]
     TimeGoesBack { side: RecordingSide, rows: usize, of: usize },
-    /// The recording is too short: too few usable rows, or too short a time from the first to the last.
     #[error(
         "{side}: {rows} usable rows over {span_s:.3} s, where {LEAST_OVERLAP_S} s and 100 rows are needed"
     )]
     TooShort { side: RecordingSide, rows: usize, span_s: f64 },
-    /// No column of a recording changes.
     #[error("{0}: no column changes")]
     Constant(RecordingSide),
-    /// The recordings agree at no offset. The field is the share of the readings' changes that the reference
-    /// explains at the best offset.
+    /// Explained share of the readings' changes at the best offset.
     #[error(
         "no common load found: at the best offset the reference explains {:.0} % of the readings, needed are \
          {:.0} %",
         100.0 * .0, 100.0 * LEAST_EXPLAINED
     )]
     NoMatch(f64),
-    /// Two offsets (reference minus board, s) fit about equally well; `ratio` is the score of the second
-    /// relative to the best.
+    /// Offsets: reference minus board. `ratio`: score of the second relative to the best.
     #[error(
         "ambiguous match: offset {second_s:.3} s is {:.0} % as good as the best, {best_s:.3} s (at most \
          {:.0} % allowed)",
         100.0 * ratio, 100.0 * HIGHEST_RATIO
     )]
     Ambiguous { best_s: f64, second_s: f64, ratio: f64 },
-    /// The overlap of the recordings, s, is too short for offset and skew.
     #[error("the recordings overlap for {0:.3} s, where {LEAST_OVERLAP_S} s are needed")]
     ShortOverlap(f64),
-    /// The refinement left the neighbourhood of the match; the field is its last step of the offset, s.
+    /// Last step of the offset, s, which left the neighbourhood of the match.
     #[error("the refinement of the match does not settle (last step {0:.6} s)")]
     NotConverged(f64),
-    /// More edges than a sync signal has.
     #[error(
         "{side}: {edges} edges, where a sync signal has {MOST_EDGES} at most; is it the right column?"
     )]
     TooManyEdges { side: RecordingSide, edges: usize },
-    /// Neither the gaps between edges nor the loads determine which edge is which; the best pairing has
-    /// `matched` pairs.
     #[error(
         "edges cannot be paired: {ways} ways match {matched} pairs, and the loads do not decide between them"
     )]
     EdgesUnclear { ways: usize, matched: usize },
-    /// The drift between the clocks, ppm, exceeds the tolerance of any crystal.
     #[error(
         "the clocks differ by {0:.0} ppm, more than the {LARGEST_SKEW_PPM:.0} ppm of any crystal"
     )]

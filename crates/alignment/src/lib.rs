@@ -4,16 +4,15 @@
 //! t_reference = t_board + offset + skew · (t_board − pivot)
 //! ```
 //!
-//! Both recordings contain the same loads, but the map from wrench to readings is still unknown: the aligned
-//! data serve to calibrate it. `coarse` finds the offset among all possible ones by correlation, and fails if
-//! it is ambiguous. `refine` then estimates offset, skew and the map together, including the memory of the
-//! springs, close to the Cramér-Rao bound. [`Aligned::resample`] evaluates the low-passed reference at the
-//! board's own times.
+//! Both recordings contain the same loads, but the map from wrench to readings is still unknown:
+//! the aligned data serve to calibrate it. `coarse` finds the offset among all possible ones by
+//! correlation, and fails if it is ambiguous. `refine` then estimates offset, skew and the map
+//! together, including the memory of the springs, close to the Cramér-Rao bound.
+//! [`Aligned::resample`] evaluates the low-passed reference at the board's own times. If both sides
+//! recorded the edges of one signal, these determine the clocks ([`Edges`]).
 //!
-//! If both sides recorded the edges of one signal, these determine the clocks ([`Edges`]).
-//!
-//! The derivations are in `docs/alignment.md`. Not supported: clocks whose skew changes during a recording by
-//! more than the uncertainty, and loads faster than the board samples.
+//! The derivations are in `docs/alignment.md`. Not supported: clocks whose skew changes during a
+//! recording by more than the uncertainty, and loads faster than the board samples.
 
 mod choice;
 mod coarse;
@@ -41,15 +40,13 @@ use resample::{Resampler, STOPBAND_DB};
 use shell_data::statistics::RunningVariance;
 use trajectory::Trajectory;
 
-/// The upper limit of the matched band. Loads by hand and taps are slower, and a lower rate leaves fewer rows
-/// to process.
+/// Upper limit of the matched band: loads by hand and taps are slower, and fewer rows are faster.
 const HIGHEST_MATCHED_RATE_HZ: f64 = 250.0;
-/// The length of the stretch for the first search: long enough for many contacts, and short enough that 200
-/// ppm of skew blur it by less than a tap.
+/// Length of the block of time for the first search: enough for many contacts, and short enough
+/// that 200 ppm of skew blur it by less than a tap.
 const PROBE_S: f64 = 120.0;
-/// The maximum number of stretches tried.
+/// The maximum number of blocks of time tried.
 const PROBES: usize = 8;
-/// Prior standard deviation of the skew between clocks.
 const PRIOR_SKEW: f64 = 2e-4;
 
 /// The ratio of unexplained variances above which a rival is ruled out.
@@ -57,15 +54,13 @@ const CLEARLY: f64 = 4.0;
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Options {
-    /// Time over which the board averages a frame, s; 0 for an instant.
     pub exposure_s: f64,
-    /// True if consecutive equal readings are one frame logged repeatedly, even at rest.
+    /// True if consecutive equal readings are one frame logged repeatedly, even when still.
     pub repeats_are_stale: bool,
     /// The edges of a signal that both sides recorded. If given, they align the clocks.
     pub edges: Option<Edges>,
 }
 
-/// The relation from the board's clock to the reference's.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct ClockMap {
     /// Reference time minus board time at the pivot, s.
@@ -76,7 +71,6 @@ pub struct ClockMap {
     pub pivot_s: f64,
     pub offset_se_s: f64,
     pub skew_se: f64,
-    /// Covariance of offset and skew, s.
     pub covariance_s: f64,
 }
 
@@ -100,25 +94,22 @@ impl ClockMap {
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Quality {
-    /// Share of the readings' variance that the aligned reference explains, through the map with memory,
-    /// averaged over the channels.
+    /// Share of the readings' variance that the aligned reference explains, through the map with
+    /// memory, averaged over the channels.
     pub explained: f64,
-    /// RMS of the unexplained part, for each changing channel, in counts around the usual reading of the
-    /// channel.
+    /// RMS of the unexplained part in each changing channel, around its usual reading.
     pub residual_counts: Vec<f64>,
     /// Number of the board's rows (averaged down to 250 Hz) compared.
     pub rows: usize,
-    /// Share of the readings' changes explained at the best offset of the search.
     pub search_explained: f64,
-    /// Score of the second-best offset relative to the best.
     pub search_ratio: f64,
     /// The score over all offsets (s), with a maximum of 1.
     pub search: Vec<(f64, f64)>,
-    /// Delay of the readings due to the memory of the springs, s: part of the model, not of the offset.
+    /// Delay of the readings by the memory of the springs: part of the model, not of the offset.
     pub spring_delay_s: f64,
     /// Standard errors of offset (s) and skew if residuals were white noise.
     pub white_se: [f64; 2],
-    /// A stretch with much motion, for a figure.
+    /// A block with much motion, for a figure.
     pub excerpt: Excerpt,
 }
 
@@ -135,30 +126,24 @@ pub struct Aligned {
     pub clock: ClockMap,
     /// The match of the loads; `None` if they do not match and the clocks come from edges.
     pub quality: Option<Quality>,
-    /// The edges, if they determined the clocks.
     pub edges: Option<EdgeMatch>,
-    /// Rows of the reference that were not used.
     pub reference_left_out: LeftOut,
-    /// Rows of the board that were not used.
     pub board_left_out: LeftOut,
     reference: Clean,
     board: Clean,
-    /// Time over which the board averages a frame, s.
     exposure_s: f64,
 }
 
 /// Aligns `reference` (six axes, or fewer) with `board` (readings of any number of channels).
 ///
-/// Neither sampling needs to be even; rows may be missing, repeated or out of range. Delays of the board, in
-/// its filter or on the way to its clock, become part of the offset, so that each row of the board is paired
-/// with the load that caused it.
+/// Neither sampling needs to be even; rows may be missing, repeated or out of range. Delays of the
+/// board become part of the offset, which pairs each row with the load that caused it.
 ///
-/// If edges are given, the loads only decide which edge is which if the gaps do not, and otherwise need not
-/// match.
+/// With edges, the loads only decide if the gaps do not, and otherwise need not match.
 ///
 /// # Errors
-/// [`AlignError`] if a recording is too short or does not change, if the match is ambiguous, or if it is
-/// unclear which edge is which.
+/// [`AlignError`] if a recording is too short or does not change, if the match is ambiguous, or if
+/// it is unclear which edge is which.
 pub fn align(
     reference: Recording,
     board: Recording,
@@ -218,8 +203,8 @@ fn by_loads(reference: &Clean, board: &Clean) -> Result<(ClockMap, Quality), Ali
     Ok((clock, Quality { search_explained, search_ratio, search, ..quality }))
 }
 
-/// Searches with one stretch of the board log after another, those with the most motion first, until one has
-/// a clear match.
+/// Searches with one block of the board log after another, most motion first, until a match is
+/// clear.
 fn search(reference: &Clean, board: &Clean) -> Result<(Match, (f64, f64)), AlignError> {
     let count = (board.span_s() / PROBE_S).ceil().max(1.0);
     let length_s = board.span_s() / count;
@@ -237,17 +222,15 @@ fn search(reference: &Clean, board: &Clean) -> Result<(Match, (f64, f64)), Align
     Err(refused.unwrap_or(AlignError::Constant(RecordingSide::Board)))
 }
 
-/// The change of the readings in a stretch, relative to the whole recording.
 fn activity(board: &Clean, (from_s, to_s): (f64, f64)) -> f64 {
     let first = board.time_s.partition_point(|&t| t < from_s);
     let last = board.time_s.partition_point(|&t| t <= to_s);
     let spread = |values: &[f64]| RunningVariance::new(values).rms_about_mean();
-    // 0 / 0 if a channel rests, or a stretch has no rows.
+    // 0 / 0 if a channel is constant, or a block has no rows.
     let relative = |column: &Vec<f64>| (spread(&column[first..last]) / spread(column)).powi(2);
     board.columns.iter().map(relative).filter(|relative| relative.is_finite()).sum()
 }
 
-/// The data for the refinement of a match.
 struct Refinement {
     trajectory: Trajectory,
     frames: BoardFrames,
@@ -278,7 +261,7 @@ impl Refinement {
         }
     }
 
-    /// Refines the match of a stretch, then of ever longer ones around it, up to the whole recording.
+    /// Refines the match of a block, then of ever longer ones around it, up to the whole recording.
     fn grow(
         &self,
         offset_s: f64,
@@ -304,11 +287,12 @@ impl Aligned {
         self.board.columns.len()
     }
 
-    /// The reference at the times of the board's rows, low-passed below the board's Nyquist frequency and
-    /// averaged over its exposure.
+    /// The reference at the times of the board's rows, low-passed below the board's Nyquist
+    /// frequency and averaged over its exposure.
     ///
-    /// Calls `row` with board time (s, on its own clock), readings and wrench for each row that is not a
-    /// repeat and is covered by the reference. Returns the number of rows that the reference does not cover.
+    /// Calls `row` with board time (s, on its own clock), readings and wrench for each row that is
+    /// not a repeat and is covered by the reference. Returns the number of rows that the reference
+    /// does not cover.
     ///
     /// # Errors
     /// Any error of `row`.

@@ -6,18 +6,16 @@ use faer::{Accum, Mat, MatRef, Par};
 
 use super::optics::{Bend, POWERS};
 
-/// A pivot below this fraction of its diagonal means that previous features explain the feature: for example,
-/// features of a load that never occurs.
+/// A pivot below this fraction of its diagonal means that previous features explain the feature:
+/// for example, features of a load that never occurs.
 const TOLERANCE: f64 = 1e-9;
 
-/// Regularisation of the bends, as a fraction of the powers' squares: it holds a bend at zero if the rows do
-/// not determine it.
+/// Regularisation of the bends, as a share of the powers' squares: zero if the rows do not
+/// determine a bend.
 const HELD: f64 = 1e-9;
 
-/// The Gram matrix of the columns [X | D | tD | Y | P], summed over the rows.
-///
-/// X are the features, D the slopes of the prediction with the offset, t the time from the pivot, Y the
-/// readings and P their [`POWERS`] powers, channel by channel.
+/// Gram matrix of the columns [X | D | tD | Y | P]: features X, slopes D of the prediction with the
+/// offset, time t from the pivot, readings Y, and their [`POWERS`] powers P, channel by channel.
 #[derive(Debug)]
 pub(super) struct GramSums {
     sums: Mat<f64>,
@@ -36,8 +34,7 @@ impl GramSums {
         self.sums.ncols()
     }
 
-    /// Adds consecutive `rows`, each multiplied by the root of its weight; `weights` is the sum of the
-    /// weights.
+    /// Adds consecutive `rows`, each multiplied by the root of its weight; `weights` is the sum.
     pub(super) fn add(&mut self, rows: &[f64], weights: f64) {
         let width = self.width();
         let rows = MatRef::from_row_major_slice(rows, rows.len() / width, width);
@@ -55,14 +52,13 @@ pub(super) struct Projected {
     /// Coefficients of [D | tD] on X.
     pub(super) along: Mat<f64>,
     pub(super) used: usize,
-    /// Gram matrix of the remainder.
     left: Mat<f64>,
     channels: usize,
     total: f64,
 }
 
 impl Projected {
-    /// Uses the features selected by `keep`. Returns `None` if there are no more rows than features.
+    /// Uses the features of `keep`. `None` if there are no more rows than features.
     pub(super) fn new(gram: &GramSums, keep: impl Fn(usize) -> bool) -> Option<Self> {
         let GramSums { sums: ref gram, features, channels, total } = *gram;
         if total.is_nan() || total <= (features + channels) as f64 {
@@ -70,8 +66,8 @@ impl Projected {
         }
         let kept: Vec<usize> = (0..features).filter(|&k| keep(k)).collect();
         let columns: Vec<usize> = kept.iter().copied().chain(features..gram.ncols()).collect();
-        // Cholesky by rows of the upper triangle, applied to the right-hand sides at the same time: `work`
-        // ends as [R | R⁻ᵀ XᵀZ] above the projected block.
+        // Cholesky by rows of the upper triangle, applied to the right-hand sides at the same time:
+        // `work` ends as [R | R⁻ᵀ XᵀZ] above the projected block.
         let row = |&i: &usize| columns.iter().map(|&j| gram[(i.min(j), i.max(j))]).collect();
         let mut work: Vec<Vec<f64>> = columns.iter().map(row).collect();
         let mut used = Vec::with_capacity(kept.len());
@@ -126,7 +122,6 @@ impl Projected {
         })
     }
 
-    /// log det of the residual covariance.
     pub(super) fn log_volume(&self) -> f64 {
         match self.residual_covariance(self.total).llt(faer::Side::Lower) {
             Ok(factor) => (0..self.channels).map(|i| 2.0 * factor.L()[(i, i)].ln()).sum(),
@@ -208,8 +203,8 @@ mod tests {
         gram
     }
 
-    /// Two features, and one channel whose straight reading is 2 X₀ − X₁ + 0.5 D + 0.25 tD without error, but
-    /// which is recorded bent: `z = y + bend · p₂`.
+    /// Two features, and one channel whose straight reading is 2 X₀ − X₁ + 0.5 D + 0.25 tD without
+    /// error, but which is recorded bent: `z = y + bend · p₂`.
     fn rows(repeat_a_feature: bool, bend: f64) -> Vec<Vec<f64>> {
         let row = |i: i32| {
             let t = f64::from(i) / 20.0;

@@ -1,16 +1,16 @@
 //! Straightened readings: the inverse of each channel's optics, approximated by a polynomial.
 //!
-//! A channel responds to one displacement, monotonically. The displacement is linear in the load and in the
-//! memory of the springs, so the reading is bent back:
+//! A channel responds to one displacement, monotonically. The displacement is linear in the load
+//! and in the memory of the springs, so the reading is bent back:
 //!
 //! ```text
 //! z = y + r Σₖ βₖ xᵏ      x = (y − ȳ) / r      k = 2, 3, 4
 //! ```
 //!
-//! with ȳ the median of a channel's readings, and r the distance from it that 1 % of them exceed. The βₖ come
-//! from the same least-squares problem as the map: with the coefficient of y held at 1, they minimise the
-//! part of z that the load does not explain. The alternative, powers of the load, would require the memory
-//! before it is known, and a model with a wrong memory gives a wrong offset.
+//! with ȳ the median of a channel's readings, and r the distance from it that 1 % of them exceed.
+//! The least-squares problem of the map also gives βₖ: with the coefficient of y held at 1, they
+//! minimise the part of z that the load does not explain. Powers of the load instead would require
+//! the memory before it is known, and a wrong memory gives a wrong offset.
 
 /// Number of powers of each reading, from the square on.
 pub(super) const POWERS: usize = 3;
@@ -28,7 +28,6 @@ pub(super) struct ReadingReach {
     reach: f64,
 }
 
-/// A straightened reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Straight {
     pub(super) reading: f64,
@@ -46,7 +45,7 @@ impl ReadingReach {
         let median = *readings.select_nth_unstable_by(last / 2, f64::total_cmp).1;
         readings.iter_mut().for_each(|y| *y = (*y - median).abs());
         let reach = *readings.select_nth_unstable_by(last - last / 100, f64::total_cmp).1;
-        // A channel that rests in all but a few rows has no bend.
+        // A channel that is constant in all but a few rows has no bend.
         Self { median, reach: reach.max(1e-300) }
     }
 

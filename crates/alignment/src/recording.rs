@@ -1,23 +1,19 @@
-//! Prepared recordings: rows in order of time, without repeats, and with saturated rows marked.
+//! Prepared recordings: rows in order of time, without repeats, with saturated rows marked.
 
 use super::error::{AlignError, LEAST_OVERLAP_S, RecordingSide};
 use super::optics::ReadingReach;
 use shell_data::statistics::{extremes, upper_median};
 
-/// The recording of one sensor on its own clock.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Recording {
-    /// Time of each row, s, on the sensor's clock.
     pub time_s: Vec<f64>,
     /// Columns: for the reference the six axes in N and N·m, for the board its readings in counts.
     pub columns: Vec<Vec<f64>>,
 }
 
-/// Numbers of rows that are not used.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct LeftOut {
     pub not_finite: usize,
-    /// Not later than the previous row.
     pub not_later: usize,
     /// All columns equal to the previous row: the sensor had no new value.
     pub repeated: usize,
@@ -36,13 +32,11 @@ const SATURATED_RUN: usize = 5;
 /// Rows out of order up to this share are transmission errors.
 const OUT_OF_ORDER: f64 = 0.01;
 
-/// A recording with valid rows only.
 #[derive(Clone, Debug)]
 pub(super) struct Clean {
     /// Time since `start_s`, strictly increasing.
     pub(super) time_s: Vec<f64>,
     pub(super) columns: Vec<Vec<f64>>,
-    /// True for each row that is within the range in every column.
     pub(super) in_range: Vec<bool>,
     pub(super) start_s: f64,
     pub(super) period_s: f64,
@@ -104,7 +98,6 @@ pub(super) struct BoardFrames {
 }
 
 impl BoardFrames {
-    /// Averages rows that come faster than `rate_hz`.
     pub(super) fn new(board: &Clean, rate_hz: f64) -> Self {
         let moving: Vec<&Vec<f64>> =
             board.columns.iter().filter(|c| c.iter().any(|&x| x != c[0])).collect();
@@ -137,10 +130,10 @@ impl BoardFrames {
 
 /// Selects finite rows in order of time with new values.
 ///
-/// A resting load leaves equal rows, and so does a logger that runs faster than its sensor. The latter
-/// repeats rows during a movement, with a jump before and after. Only these are dropped, unless all repeats
-/// are known to be the logger's. (Repeats at rest are harmless, whereas dropping rows at rest would remove
-/// one side of each tap.)
+/// A constant load leaves equal rows, and so does a logger that runs faster than its sensor. The
+/// latter repeats rows during a movement, with a jump before and after. Only these are dropped,
+/// unless all repeats are known to be the logger's: dropping rows of a constant load would remove
+/// one side of each tap.
 fn rows_to_keep(time_s: &[f64], columns: &[Vec<f64>], all_repeats: bool) -> (Vec<bool>, LeftOut) {
     let mut left_out = LeftOut::default();
     let mut keep = vec![true; time_s.len()];
@@ -178,10 +171,8 @@ fn rows_to_keep(time_s: &[f64], columns: &[Vec<f64>], all_repeats: bool) -> (Vec
     (keep, left_out)
 }
 
-/// Selects rows in which no column stays at its own extreme.
-///
-/// A load that truly rests at its extreme is excluded too; it has no slope there, so it carries no
-/// information about time.
+/// Selects rows in which no column stays at its own extreme. A load that truly stays there is
+/// excluded too; it has no slope, so it carries no information about time.
 fn in_range(columns: &[Vec<f64>]) -> Vec<bool> {
     let mut inside = vec![true; columns.first().map_or(0, Vec::len)];
     for column in columns {
@@ -207,7 +198,6 @@ fn in_range(columns: &[Vec<f64>]) -> Vec<bool> {
     inside
 }
 
-/// The smallest nonzero change from row to row.
 fn smallest_step(column: &[f64]) -> f64 {
     let steps = column.windows(2).map(|pair| (pair[1] - pair[0]).abs()).filter(|&step| step > 0.0);
     steps.fold(f64::INFINITY, f64::min)

@@ -3,24 +3,26 @@
 //! Model, for board rows at times t_i with readings y_i:
 //!
 //! ```text
-//! y_i = Bᵀ x(τ_i) + e_i      τ_i = t_i + o + s (t_i − t̄)      e ~ (0, Σ)
+//! y_i = Bᵀ x(τ_i) + e_i τ_i = t_i + o + s (t_i − t̄) e ~ (0, Σ)
 //! ```
 //!
-//! y are the [straightened](super::optics) readings, x the [features](super::response) of the reference, a
-//! constant and a drift. For given o and s the map B is a linear least-squares problem. The steps in (o, s)
-//! are Gauss–Newton steps with B eliminated (Golub & Pereyra, SIAM J. Numer. Anal. 10, 413, 1973, in
-//! Kaufman's form): with d_i = Bᵀ ẋ(τ_i), J = (d, (t − t̄) d) projected off the features, and W = Σ̂⁻¹,
+//! y are the [straightened](super::optics) readings, x the [features](super::response) of the
+//! reference, a constant and a drift. For given o and s the map B is a linear least-squares
+//! problem. The steps in (o, s) are Gauss–Newton steps with B eliminated (Golub & Pereyra, SIAM J.
+//! Numer. Anal. 10, 413, 1973, in Kaufman's form): with d_i = Bᵀ ẋ(τ_i), J = (d, (t − t̄) d)
+//! projected off the features, and W = Σ̂⁻¹,
 //!
 //! ```text
-//! H = Jᵀ W J      g = Jᵀ W y      (o, s) ← (o, s) + H⁻¹ g
+//! H = Jᵀ W J g = Jᵀ W y (o, s) ← (o, s) + H⁻¹ g
 //! ```
 //!
-//! Each step needs only one Gram matrix over the rows, so memory does not grow. H⁻¹ would be the covariance
-//! of (o, s) if the residuals were white. They are not if the model of the springs is inexact. The covariance
-//! is therefore H⁻¹ S H⁻¹ with S the long-run covariance of the scores (Newey & West, Econometrica 55, 703,
-//! 1987), increased by the model errors in [`choice`](super::choice) and [`uncertainty`](super::uncertainty).
+//! Each step needs only one Gram matrix over the rows. H⁻¹ would be the covariance of (o, s) if the
+//! residuals were white, which an inexact model of the springs prevents. The covariance is
+//! therefore H⁻¹ S H⁻¹ with S the long-run covariance of the scores (Newey & West, Econometrica 55,
+//! 703, 1987), increased by the model errors in [`choice`](super::choice) and
+//! [`uncertainty`](super::uncertainty).
 //!
-//! The model is refined in three rounds: with memories on the axes, which determines the direction that each
+//! There are three rounds: with memories on the axes, which determines the direction that each
 //! channel senses; with all kinds of memory; and with those that the readings need.
 
 use faer::{Mat, MatRef};
@@ -40,14 +42,14 @@ const BLOCK: usize = 256;
 const STEPS: usize = 40;
 /// Number of features that do not depend on the load: a constant and a drift.
 const CONSTANTS: usize = 2;
-/// Number of first steps that also estimate the share of the memory in the products; it is then fixed, so
-/// that the steps can converge.
+/// Number of first steps that also estimate the share of the memory in the products; it is then
+/// fixed, so that the steps can converge.
 const MEMORY_STEPS: usize = 4;
 /// Steps are small below this share of the standard error for white residuals.
 const SMALL: f64 = 0.01;
 /// Models are compared once steps are this small.
 const ROUGH: f64 = 0.1;
-/// Number of full steps; later ones are halved, since bends and outlier weights may oscillate with them.
+/// Full steps; later ones are halved, since bends and outlier weights may oscillate with them.
 const FULL_STEPS: usize = 8;
 /// The minimum number of rows per feature for a trial of all kinds of memory.
 const ROWS_PER_FEATURE: usize = 4;
@@ -55,12 +57,11 @@ const ROWS_PER_FEATURE: usize = 4;
 const LEAST_GAIN: f64 = 0.1;
 /// A row with a larger residual (squared, per channel) is downweighted (Huber).
 const OUTLIER: f64 = 4.0;
-/// Oscillating steps below this are accepted, s: jumps of the load between two frames make the objective a
-/// function of the offset with corners.
+/// Oscillating steps below this are accepted, s: jumps of the load between two frames make the
+/// objective a function of the offset with corners.
 const NEARLY_S: f64 = 5e-4;
 /// A step of this length has lost the match, s.
 const LOST_S: f64 = 10.0;
-/// Half-length of the excerpt, s.
 const EXCERPT_S: f64 = 0.6;
 /// The largest step of the offset, s: features hardly change over a shorter one.
 const LARGEST_STEP_S: f64 = 0.01;
@@ -70,7 +71,6 @@ const LARGEST_STEP_S: f64 = 0.01;
 pub(super) struct Warp {
     pub(super) offset_s: f64,
     pub(super) skew: f64,
-    /// Board time of the offset, s.
     pub(super) pivot_s: f64,
 }
 
@@ -79,7 +79,6 @@ impl Warp {
         time_s + self.offset_s + self.skew * (time_s - self.pivot_s)
     }
 
-    /// Rewrites the warp about another pivot.
     pub(super) fn about(&self, pivot_s: f64) -> Self {
         let offset_s = self.offset_s + self.skew * (pivot_s - self.pivot_s);
         Self { offset_s, pivot_s, ..*self }
@@ -90,18 +89,16 @@ impl Warp {
 pub(super) struct WarpEstimate {
     pub(super) warp: Warp,
     pub(super) covariance: [[f64; 2]; 2],
-    /// The quality without the results of the search; times since the start of the board's recording.
+    /// The quality without the results of the search; times since the start of the board's
+    /// recording.
     pub(super) quality: Quality,
 }
 
-/// The current model of the sensor.
 struct KnownSensor {
-    /// The map from features to straight readings.
     map: Mat<f64>,
     weights: Option<Mat<f64>>,
     bends: Vec<Bend>,
     model: MemoryModel,
-    /// The features in use.
     keep: Vec<bool>,
 }
 
@@ -132,7 +129,6 @@ impl KnownSensor {
         self
     }
 
-    /// The family of each memory feature.
     fn families(&self) -> Vec<Option<Family>> {
         let mut families = vec![None; CONSTANTS];
         families.extend(self.model.families());
@@ -146,12 +142,10 @@ impl KnownSensor {
     }
 }
 
-/// A map without constant and drift.
 fn linear(map: &Mat<f64>) -> MatRef<'_, f64> {
     map.subrows(CONSTANTS, map.nrows() - CONSTANTS)
 }
 
-/// The result of converged steps.
 struct SettledWarp {
     gram: GramSums,
     projected: Projected,
@@ -161,10 +155,8 @@ struct SettledWarp {
     left: [f64; 2],
 }
 
-/// Fits the warp to the rows with board times in `window`, starting nearby.
-///
-/// `prior_skew` is the standard deviation of a prior that holds the skew near zero, for windows too short to
-/// determine it. Only memories on the axes are then used.
+/// Fits the warp to the rows with board times in `window`, starting nearby. `prior_skew` is for
+/// windows too short to determine the skew; only memories on the axes are then used.
 pub(super) fn refine(
     trajectory: &Trajectory,
     frames: &BoardFrames,
@@ -237,8 +229,8 @@ impl<'a> WarpProblem<'a> {
         }
     }
 
-    /// Takes Gauss–Newton steps until they are `small`. Each step updates map, weights and bends, and in the
-    /// first `memory_steps` also the shares of the memory.
+    /// Takes Gauss–Newton steps until they are `small`. Each step updates map, weights and bends,
+    /// and in the first `memory_steps` also the shares of the memory.
     fn settle(
         &self,
         warp: &mut Warp,
@@ -290,7 +282,6 @@ impl<'a> WarpProblem<'a> {
         nearly.ok_or(AlignError::NotConverged(step_s))
     }
 
-    /// Calls `each` with every row that the reference covers.
     fn for_each(&self, warp: &Warp, current: &KnownSensor, mut each: impl FnMut(&MatchedRow<'_>)) {
         let channels = self.frames.channels;
         let mut window = self.trajectory.features(current.model.clone());
@@ -336,7 +327,6 @@ impl<'a> WarpProblem<'a> {
         }
     }
 
-    /// The Gram matrix of the rows at a warp.
     fn gram(&self, warp: &Warp, current: &KnownSensor) -> GramSums {
         let mut gram = GramSums::new(current.map.nrows(), self.frames.channels);
         let width = gram.width();
@@ -359,7 +349,6 @@ impl<'a> WarpProblem<'a> {
         gram
     }
 
-    /// Uncertainty and figures of merit at the solution.
     fn finish(
         &self,
         warp: Warp,

@@ -1,27 +1,26 @@
 //! The reference at any time, after a low-pass.
 //!
 //! ```text
-//! w(t) = Σ h(t − t_k) v_k x_k / Σ h(t − t_k) v_k      v_k = (t_{k+1} − t_{k−1}) / 2
+//! w(t) = Σ h(t − t_k) v_k x_k / Σ h(t − t_k) v_k v_k = (t_{k+1} − t_{k−1}) / 2
 //! ```
 //!
-//! This is the convolution with the kernel h by the trapezoidal rule over the actual sample times of the
-//! reference. It has no value if the kernel would reach over a gap, over rows out of range, or past an end.
+//! This is the convolution with the kernel h by the trapezoidal rule over the actual sample times.
+//! It has no value if the kernel would reach over a gap, over rows out of range, or past an end.
 //! The kernel is a sinc under a Kaiser window, optionally averaged over an exposure:
 //!
 //! ```text
-//! h(x) = 2 f_c sinc(2 f_c x) · I₀(β √(1 − (x/L)²)) / I₀(β)      |x| ≤ L
+//! h(x) = 2 f_c sinc(2 f_c x) · I₀(β √(1 − (x/L)²)) / I₀(β) |x| ≤ L
 //! ```
 //!
-//! β and L follow from the stopband attenuation and the width of the transition (Kaiser 1974; Oppenheim &
-//! Schafer, Discrete-Time Signal Processing, 3rd ed., eqs 7.75 and 7.76). The kernel is symmetric, so it has
-//! no delay.
+//! β and L follow from the stopband attenuation and the width of the transition (Kaiser 1974;
+//! Oppenheim & Schafer, Discrete-Time Signal Processing, 3rd ed., eqs 7.75 and 7.76). The kernel is
+//! symmetric, so it has no delay.
 
 use std::f64::consts::PI;
 
 use super::inner_products::dots;
 use super::recording::Clean;
 
-/// Attenuation beyond the transition, dB.
 pub(super) const STOPBAND_DB: f64 = 80.0;
 /// Half of the transition, as a fraction of the output rate.
 const HALF_TRANSITION: f64 = 0.1;
@@ -33,19 +32,18 @@ const GAP_PERIODS: f64 = 2.5;
 /// … or this fraction of a period at the cut-off, whichever is longer.
 const GAP_OF_OUTPUT_PERIOD: f64 = 0.5;
 
-/// A recording that can be evaluated at any time.
 #[derive(Debug)]
 pub(super) struct Resampler<'a> {
     source: &'a Clean,
     kernel: Kernel,
     spacing_s: Vec<f64>,
-    /// First row of the gap-free stretch around a row, and the row after its last.
+    /// First row of the gap-free block around a row, and the row after its last.
     stretch: Vec<(u32, u32)>,
     weights: Vec<f64>,
 }
 
 impl<'a> Resampler<'a> {
-    /// For outputs at `rate_hz`, averaged over an exposure, with faster loads attenuated by `stopband_db`.
+    /// For outputs at `rate_hz`, averaged over an exposure, with faster loads attenuated.
     pub(super) fn new(source: &'a Clean, rate_hz: f64, exposure_s: f64, stopband_db: f64) -> Self {
         let time = &source.time_s;
         let gap_s = (GAP_PERIODS * source.period_s).max(GAP_OF_OUTPUT_PERIOD / rate_hz);
@@ -70,8 +68,7 @@ impl<'a> Resampler<'a> {
         Self { source, kernel, spacing_s, stretch, weights: Vec::new() }
     }
 
-    /// The columns at `time_s` (on the reference's clock, since its start). Returns false if there is no
-    /// value.
+    /// The columns at `time_s` since the reference's start; returns false if there is no value.
     pub(super) fn at(&mut self, time_s: f64, values: &mut [f64]) -> bool {
         let time = &self.source.time_s;
         let reach_s = self.kernel.half_width_s;
@@ -102,17 +99,15 @@ impl<'a> Resampler<'a> {
 /// A tabulated symmetric low-pass kernel, 1/s.
 #[derive(Clone, Debug)]
 struct Kernel {
-    /// The kernel is zero beyond this distance, s.
     half_width_s: f64,
     per_s: f64,
     table: Vec<f64>,
 }
 
 impl Kernel {
-    /// Designs the kernel for an output at `rate_hz`: it passes frequencies up to 0.3 times the rate
-    /// unchanged, halves 0.4 times the rate, and attenuates those above half of the rate by `stopband_db`, at
-    /// least 50; the passband ripple corresponds. If `exposure_s` > 0, the kernel also averages over that
-    /// time.
+    /// Passes frequencies up to 0.3 times `rate_hz`, halves 0.4 times the rate, and attenuates
+    /// those above half of the rate by `stopband_db`, at least 50; the passband ripple corresponds.
+    /// Also averages over `exposure_s`, if above 0.
     fn new(rate_hz: f64, exposure_s: f64, stopband_db: f64) -> Self {
         let cutoff_hz = (0.5 - HALF_TRANSITION) * rate_hz;
         let transition_hz = 2.0 * HALF_TRANSITION * rate_hz;
@@ -131,7 +126,7 @@ impl Kernel {
         let half_width_s = half_s + 0.5 * exposure_s;
         let per_s = PER_LOBE * 2.0 * cutoff_hz;
         let entries = (half_width_s * per_s).ceil() as usize + 2;
-        // The exposure is averaged by the midpoint rule, with steps much finer than the lobes of the kernel.
+        // Midpoint rule, with steps much finer than the lobes of the kernel.
         let parts = (exposure_s * 2.0 * cutoff_hz * 64.0).ceil().clamp(1.0, 4096.0) as usize;
         let value = |x_s: f64| {
             let part = |i: usize| x_s + exposure_s * ((i as f64 + 0.5) / parts as f64 - 0.5);
@@ -181,7 +176,6 @@ mod tests {
         (0..=(6.0 * rate_hz) as usize).map(|k| k as f64 / rate_hz).collect()
     }
 
-    /// Largest error relative to `expected` at uneven times.
     fn worst(source: &Clean, expected: impl Fn(f64) -> f64) -> f64 {
         let mut resampler = Resampler::new(source, 100.0, 0.0, STOPBAND_DB);
         let mut value = [0.0];
@@ -257,7 +251,6 @@ mod tests {
         assert!(forward.iter().eq(backward.iter().rev()));
     }
 
-    /// The kernel's gain at a frequency, by the trapezoidal rule with fine steps.
     fn gain(kernel: &Kernel, frequency_hz: f64) -> f64 {
         let steps = 200_000;
         let step_s = 2.0 * kernel.half_width_s / f64::from(steps);

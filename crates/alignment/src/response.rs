@@ -1,28 +1,27 @@
-//! Possible responses of an optical sensor on springs to a wrench, as features. The straightened readings are
-//! a linear map of these features.
+//! Possible responses of an optical sensor on springs to a wrench, as features. The straightened
+//! readings are a linear map of these features.
 //!
-//! Springs respond late: they creep, and their friction makes the response depend on the history of the load.
-//! Both shift readings relative to the load by milliseconds in one direction, independent of the clocks, so
-//! an alignment without a model of them is biased by that much. The kinds of memory of a sensor, and their
-//! directions, are unknown. The features therefore cover several kinds, and [`choice`](super::choice) finds
-//! those that the readings need:
+//! Springs respond late: they creep, and their friction makes the response depend on the history of
+//! the load. Both shift readings relative to the load by milliseconds in one direction, whatever
+//! the clocks do, and bias an alignment without a model of them. The kinds of memory of a sensor,
+//! and their directions, are unknown. The features therefore cover several kinds, and
+//! [`choice`](super::choice) finds those that the readings need:
 //!
-//! - *plays* on each axis, `p ← clamp(p, w − r, w + r)`, of several half-widths: any rate-independent
-//!   hysteresis with a convex loop is a sum of them (Prandtl–Ishlinskii; Brokate & Sprekels, Hysteresis and
-//!   Phase Transitions, 1996);
+//! - *plays* on each axis, `p ← clamp(p, w − r, w + r)`, of several half-widths: any
+//!   rate-independent hysteresis with a convex loop is a sum of them (Prandtl–Ishlinskii; Brokate &
+//!   Sprekels, Hysteresis and Phase Transitions, 1996);
 //! - *lags* on each axis, `τ ḷ = w − l`: creep;
-//! - *quick lags* on each axis, with time constants below those of the load: viscous friction, and friction
-//!   that depends on the speed;
+//! - *quick lags* on each axis, with time constants below those of the load: viscous and other
+//!   friction that depends on the speed;
 //! - plays along the direction that each *channel* senses, as given by the current map;
-//! - *joint* plays of all axes, `p ← w + min(1, r / ‖p − w‖) (p − w)`: friction that yields in the direction
-//!   of the load, whatever the axes are (a ball in place of the interval);
+//! - *joint* plays of all axes, `p ← w + min(1, r / ‖p − w‖) (p − w)`: friction that yields in the
+//!   direction of the load, whatever the axes are (a ball in place of the interval);
 //! - products of two axes: effects that a single displacement does not describe.
 
 use faer::MatRef;
 
 /// Half-widths of the plays, as fractions of the largest load in the direction.
 const PLAY: [f64; 6] = [0.04, 0.08, 0.14, 0.21, 0.3, 0.42];
-/// Time constants of the lags, s, with their families.
 const LAGS: [(f64, Family); 6] = [
     (0.15, Family::Lags),
     (0.5, Family::Lags),
@@ -33,10 +32,8 @@ const LAGS: [(f64, Family); 6] = [
 ];
 /// Radii of the joint plays; the largest load on each axis is 1.
 const JOINT: [f64; 5] = [0.05, 0.1, 0.2, 0.35, 0.6];
-/// Number of plays and lags per axis.
 const MEMORIES: usize = PLAY.len() + LAGS.len();
 
-/// A kind of memory that a sensor may have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Family {
     AxisPlays,
@@ -51,14 +48,13 @@ impl Family {
         [Self::AxisPlays, Self::Lags, Self::QuickLags, Self::ChannelPlays, Self::JointPlays];
 }
 
-/// The definition of the features.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct MemoryModel {
     axes: usize,
     /// The share of the response to each axis that passes through each of its plays and lags.
     shares: Vec<f64>,
-    /// A direction of the scaled wrench for each channel, row by row, scaled so that the load reaches 1.
-    /// Empty if the model has neither plays along channels nor joint plays.
+    /// A direction of the scaled wrench for each channel, row by row, scaled so that the load
+    /// reaches 1. Empty if the model has neither plays along channels nor joint plays.
     directions: Vec<f64>,
 }
 
@@ -68,15 +64,12 @@ impl MemoryModel {
         Self { axes, shares: vec![0.0; axes * MEMORIES], directions: Vec::new() }
     }
 
-    /// Number of features of a model with all kinds of memory.
     pub(super) fn most_features(axes: usize, channels: usize) -> usize {
         Self { directions: vec![0.0; channels * axes], ..Self::on_axes(axes) }.features()
     }
 
-    /// Learns shares from the fitted map (features × channels).
-    ///
-    /// The share of a play is the projection of its coefficients, over the channels, on the total
-    /// coefficients of its axis.
+    /// Learns shares from the fitted map (features × channels): the projection of a play's
+    /// coefficients, over the channels, on the total coefficients of its axis.
     pub(super) fn learn_shares(&mut self, map: MatRef<'_, f64>) {
         let row = |i: usize| (0..map.ncols()).map(move |c| map[(i, c)]);
         self.shares.clear();
@@ -94,8 +87,8 @@ impl MemoryModel {
         }
     }
 
-    /// Adds plays along the direction that each channel senses by `map`, and joint plays; `reach` gives the
-    /// largest load in a direction of the scaled wrench.
+    /// Adds plays along the direction that each channel senses by `map`, and joint plays; `reach`
+    /// gives the largest load in a direction of the scaled wrench.
     pub(super) fn with_channels(
         mut self,
         map: MatRef<'_, f64>,
@@ -125,7 +118,6 @@ impl MemoryModel {
         self.directions.len() / self.axes * PLAY.len()
     }
 
-    /// Number of features of joint plays, one for each axis.
     fn joint_plays(&self) -> usize {
         if self.directions.is_empty() { 0 } else { JOINT.len() * self.axes }
     }
@@ -134,7 +126,6 @@ impl MemoryModel {
         self.axes * (1 + MEMORIES) + self.products() + self.channel_plays() + self.joint_plays()
     }
 
-    /// The family of each memory feature.
     pub(super) fn families(&self) -> Vec<Option<Family>> {
         let mut families = vec![None; self.axes];
         for _ in 0..self.axes {
@@ -173,7 +164,6 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// Converts consecutive samples of a wrench to features.
 #[derive(Clone, Debug)]
 pub(super) struct MemoryResponse {
     model: MemoryModel,
@@ -200,8 +190,9 @@ impl MemoryResponse {
         }
     }
 
-    /// Writes the features of the next sample, all of order 1: the wrench, its plays and lags axis by axis,
-    /// the products of the effective responses of the axes, plays channel by channel, joint plays.
+    /// Writes the features of the next sample, all of order 1: the wrench, its plays and lags axis
+    /// by axis, the products of the effective responses of the axes, plays channel by channel,
+    /// joint plays.
     pub(super) fn next(&mut self, wrench: &[f64], features: &mut [f64]) {
         let (immediate, rest) = features.split_at_mut(self.model.axes);
         let (memories, rest) = rest.split_at_mut(self.on_axes.len());

@@ -5,12 +5,11 @@ use super::recording::Clean;
 use super::resample::Resampler;
 use super::response::{MemoryModel, MemoryResponse};
 
-/// Grid points per output sample: cubic interpolation then errs by less than 0.4 % at the cut-off, and 1e-5
-/// at a quarter of it.
+/// Grid points per output sample: cubic interpolation then errs by less than 0.4 % at the cut-off,
+/// and 1e-5 at a quarter of it.
 const PER_OUTPUT: f64 = 4.0;
 
-/// The attenuation of faster loads leaves them small against the noise; a longer kernel would only take
-/// longer.
+/// Leaves faster loads small against the noise; a longer kernel would only take longer.
 const STOPBAND_DB: f64 = 50.0;
 
 #[derive(Debug)]
@@ -23,7 +22,6 @@ pub(super) struct Trajectory {
 }
 
 impl Trajectory {
-    /// Prepares the band of an output sampled at `rate_hz`.
     pub(super) fn new(reference: &Clean, rate_hz: f64) -> Self {
         let mut resampler = Resampler::new(reference, rate_hz, 0.0, STOPBAND_DB);
         let step_s = 1.0 / (PER_OUTPUT * rate_hz);
@@ -67,7 +65,6 @@ impl Trajectory {
         self.valid.len() as f64 * self.step_s
     }
 
-    /// Features in order of time, from the start.
     pub(super) fn features(&self, model: MemoryModel) -> FeatureWindow<'_> {
         FeatureWindow {
             trajectory: self,
@@ -80,7 +77,6 @@ impl Trajectory {
     }
 }
 
-/// The features at a few grid points; the window moves forward in time.
 #[derive(Debug)]
 pub(super) struct FeatureWindow<'a> {
     trajectory: &'a Trajectory,
@@ -93,8 +89,8 @@ pub(super) struct FeatureWindow<'a> {
 }
 
 impl FeatureWindow<'_> {
-    /// The features and their slopes (1/s) at `time_s`, by cubic interpolation; times must not go back.
-    /// Returns false if the reference has no value.
+    /// The features and their slopes (1/s) at `time_s`, by cubic interpolation; times must not go
+    /// back. Returns false if the reference has no value.
     pub(super) fn at(&mut self, time_s: f64, values: &mut [f64], slopes: &mut [f64]) -> bool {
         let position = time_s / self.trajectory.step_s;
         if !(position >= 1.0 && position < self.trajectory.valid.len() as f64 - 2.0) {
@@ -126,7 +122,6 @@ impl FeatureWindow<'_> {
         true
     }
 
-    /// Makes the window cover the grid points k to k + 3.
     fn advance(&mut self, k: usize) {
         const KEPT: usize = 256;
         if k > self.first + KEPT {

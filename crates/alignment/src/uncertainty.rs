@@ -1,4 +1,4 @@
-//! The covariance and the figures of merit of a warp from its residuals, in one pass over the rows.
+//! Covariance and quality of a warp from its residuals, in one pass over the rows.
 
 use faer::{Mat, MatRef};
 
@@ -8,23 +8,21 @@ use super::response::MemoryModel;
 
 /// Residuals correlated for longer than this are drift, which the model includes, s.
 const CORRELATED_S: f64 = 0.5;
-/// Width of the bins in which scores are summed before their correlations are computed, s.
 const SCORE_BIN_S: f64 = 0.01;
-/// Residuals that are similar from row to row come from the model. This share of the model error is assumed
-/// to lie along the slopes, where the offset absorbs it and no residual shows it. The value was found with
-/// sensors of six kinds of hysteresis (`docs/alignment.md`).
+/// Residuals that are similar from row to row come from the model. This share of the model error is
+/// assumed to lie along the slopes, where the offset absorbs it and no residual shows it. The value
+/// was found with sensors of six kinds of hysteresis (`docs/alignment.md`).
 const HIDDEN_SHARE: f64 = 0.025;
-/// No model of the memory has exactly the right widths, times and directions: this share of its delay is
-/// uncertain, however small the residuals are (found in the same way).
+/// No model of the memory has exactly the right widths, times and directions: this share of its
+/// delay is uncertain, however small the residuals are (found in the same way).
 const UNKNOWN_DELAY: f64 = 0.012;
-/// Frames do not show when a load jumps between two of them: this share of their period is uncertain (found
-/// in the same way).
+/// Frames do not show when a load jumps between two of them: this share of their period is
+/// uncertain (found in the same way).
 const UNKNOWN_JUMP: f64 = 0.4;
-/// Pure noise makes products of successive residuals scatter about zero: this number of standard deviations
-/// of that scatter is subtracted.
+/// Pure noise makes products of successive residuals scatter about zero: this number of standard
+/// deviations of that scatter is subtracted.
 const CHANCE: f64 = 2.0;
 
-/// One row of the board with the prediction from the reference.
 pub(super) struct MatchedRow<'a> {
     pub(super) from_pivot_s: f64,
     pub(super) features: &'a [f64],
@@ -38,20 +36,16 @@ pub(super) struct MatchedRow<'a> {
     pub(super) residual: &'a [f64],
 }
 
-/// The solution that rows are compared with.
 pub(super) struct Solution<'a> {
     /// Coefficients of [slope | slope · time] on the features.
     pub(super) along: &'a Mat<f64>,
     pub(super) weights: &'a Mat<f64>,
-    /// B without constant and drift.
     pub(super) map: MatRef<'a, f64>,
     pub(super) model: &'a MemoryModel,
 }
 
-/// Sums over the rows at the solution.
 #[derive(Debug, Default)]
 pub(super) struct ResidualSums {
-    /// Time of the first row from the pivot, s.
     start_s: f64,
     pub(super) rows: usize,
     /// Jᵀ W e, summed in bins of time.
@@ -62,12 +56,10 @@ pub(super) struct ResidualSums {
     late: [f64; 2],
     /// Σ eᵀ W e′ over successive rows: the squares of their common part.
     alike: f64,
-    /// The residual of the previous row, times its weight.
     before: Vec<f64>,
     /// Σ (d − d′)ᵀ W (d − d′) over successive slopes.
     jumps: f64,
     slope_before: Vec<f64>,
-    /// Time of the last row from the pivot, s.
     end_s: f64,
     /// The fastest change of a reading: slope, channel and time from the pivot.
     pub(super) steepest: (f64, usize, f64),
@@ -125,11 +117,9 @@ impl ResidualSums {
         }
     }
 
-    /// The covariance of offset (s) and skew. `white` is H⁻¹, `spread` the variances over the plausible
-    /// models.
-    ///
-    /// The common part of successive residuals sums to eᵀWe′. If a share `HIDDEN_SHARE` of it lies along the
-    /// slopes, its squared error is `HIDDEN_SHARE² eᵀWe′ H⁻¹`.
+    /// Covariance of offset (s) and skew. `white` is H⁻¹, `spread` the variances over the plausible
+    /// models. The common part of successive residuals sums to eᵀWe′. If a share `HIDDEN_SHARE` of
+    /// it lies along the slopes, its squared error is `HIDDEN_SHARE² eᵀWe′ H⁻¹`.
     pub(super) fn covariance(&self, white: [[f64; 2]; 2], spread: [f64; 2]) -> [[f64; 2]; 2] {
         let longest = (CORRELATED_S / SCORE_BIN_S) as usize;
         let mut covariance = sandwich(white, long_run_covariance(&self.scores, longest));
@@ -153,7 +143,6 @@ impl ResidualSums {
         period_s * (0.5 * roughness).powi(4).min(1.0)
     }
 
-    /// The delay of the readings due to the memory, s.
     pub(super) fn delay_s(&self) -> f64 {
         match self.late {
             [late, along] if along > 0.0 => -late / along,
@@ -161,7 +150,6 @@ impl ResidualSums {
         }
     }
 
-    /// RMS residual of each channel, counts.
     pub(super) fn residual(&self) -> Vec<f64> {
         self.squares.iter().map(|[squares, ..]| (squares / self.rows as f64).sqrt()).collect()
     }

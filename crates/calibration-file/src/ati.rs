@@ -1,8 +1,8 @@
 //! Calibrations of ATI's force/torque sensors: XML files `.cal`.
 //!
-//! Each element `UserAxis` is a row of a linear matrix: the contribution of one volt of each gauge to that
-//! axis, in the units that the element `Calibration` names. The elements `Axis` hold the same matrix, scaled
-//! and shifted, for ATI's own library.
+//! Each element `UserAxis` is a row of a linear matrix: the contribution of one volt of each gauge
+//! to that axis, in the units of the element `Calibration`. The elements `Axis` hold the same
+//! matrix, scaled and shifted, for ATI's own library.
 
 use calibration::Calibration;
 use calibration::model::{Basis, MAX_CHANNELS, Model};
@@ -11,7 +11,6 @@ use shell_data::{Quantity, Scale, Unit};
 
 use super::matrix::{ImportOptions, divisor, from_raw_readings};
 
-/// Returns true if the bytes are a calibration of ATI, which is text.
 pub(super) fn is_one(bytes: &[u8]) -> bool {
     memchr::memmem::find(bytes, b"<FTSensor").is_some() && !bytes.contains(&0)
 }

@@ -1,26 +1,23 @@
-//! The checksum of a document: its last field, the 128-bit XXH3 of all bytes before it.
-//!
-//! It detects damage in transit and edits. It does not prevent forgery: anyone can write a new checksum.
+//! Checksum of a document: its last field, the 128-bit XXH3 of all bytes before it. It detects
+//! damage and edits, not forgery: anyone can write a new checksum.
 
 use std::borrow::Cow;
 
 use memchr::memmem;
 use twox_hash::XxHash3_128;
 
-/// The end of every document.
 pub(super) const END: &str = "\n}\n";
 
 /// The text between the content and the checksum; the checksum covers everything before it.
 const FIELD: &str = ",\n  \"checksum\": \"xxh128:";
 
-/// Appends the checksum to a document, as its last field.
 pub(super) fn add(document: &str) -> String {
     let content = document.strip_suffix(END).unwrap_or(document);
     format!("{content}{}", seal(content.as_bytes()))
 }
 
-/// Checks the checksum of a document. Windows line ends, which version control may introduce, are read as
-/// plain line feeds.
+/// Checks the checksum of a document. Windows line ends, which version control may introduce, are
+/// read as plain line feeds.
 ///
 /// # Errors
 /// The reason, if the document is not as written.

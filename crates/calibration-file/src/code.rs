@@ -1,10 +1,9 @@
 //! Exports calibrations as Python and MATLAB functions, for programs without `shellcal`.
 //!
 //! A file is a block of constants and a fixed body (`assets/export`), which computes the same as
-//! [`Calibration::wrench`](calibration::Calibration::wrench). A polynomial is evaluated on standardised
-//! readings, in the order of [`Model::terms`](calibration::Model::terms); the physics model takes the same
-//! steps as there. Memory terms need the times of the frames and a state that the caller passes from call to
-//! call.
+//! [`Calibration::wrench`](calibration::Calibration::wrench): polynomials on standardised readings,
+//! in the order of [`Model::terms`](calibration::Model::terms). Memory terms need the times of the
+//! frames and a state that the caller passes from call to call.
 
 use calibration::memory::{MemoryTerms, TimeBase};
 use calibration::model::Term;
@@ -17,17 +16,14 @@ use super::CalibrationFile;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Language {
-    /// Python with numpy.
     Python,
     /// MATLAB or Octave.
     Matlab,
 }
 
-/// A matrix: its name in the body, its description and its rows.
 type Constant = (&'static str, &'static str, Vec<Vec<f64>>);
 
-/// The calibration as a function `name`, which must be an identifier. MATLAB also requires it to be the name
-/// of the file.
+/// The calibration as a function `name`: an identifier, and for MATLAB the name of the file.
 pub fn to_code(file: &CalibrationFile, language: Language, name: &str) -> String {
     let axes = file.calibration.axes;
     let memory = file.calibration.memory.as_ref();
@@ -79,7 +75,6 @@ fn memory_constants(memory: &MemoryTerms) -> [Constant; 3] {
     ]
 }
 
-/// A line that describes the function, with the file's text unescaped.
 fn head(file: &CalibrationFile) -> String {
     let model = file.calibration.name();
     let serial = file.origin.sensor_serial.as_ref();
@@ -142,7 +137,6 @@ fn physics_constants(model: &PhysicsModel) -> Vec<Constant> {
     ]
 }
 
-/// A Python module; `head` is already [escaped](escape::python).
 fn python(
     constants: &[Constant],
     head: &str,
@@ -168,7 +162,6 @@ fn python(
     text + "\n\n"
 }
 
-/// A MATLAB function; `head` is already [escaped](escape::matlab_comment).
 fn matlab(
     constants: &[Constant],
     head: &str,

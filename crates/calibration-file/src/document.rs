@@ -46,7 +46,6 @@ struct AxesHeader {
     axes: Option<Axes>,
 }
 
-/// Reads a document whose per-axis values are given for its own axes only.
 pub(super) fn read<T: DeserializeOwned>(text: &[u8]) -> Result<T, Problem> {
     let AxesHeader { axes } = serde_json::from_slice(text)?;
     let document = || serde_json::from_slice(text);
@@ -76,7 +75,6 @@ fn term_names(model: &Model) -> Vec<String> {
     model.terms().iter().map(|term| model.term_name(term)).collect()
 }
 
-/// Parses the document of a polynomial, of a known version.
 pub(super) fn parse(text: &[u8]) -> Result<CalibrationFile, Problem> {
     read::<PolynomialDocument>(text)?.value().map_err(Problem::Inconsistent)
 }
@@ -150,7 +148,6 @@ impl PolynomialDocument {
     }
 }
 
-/// Fills the axes that were not calibrated with zeros, in the shape of the others.
 fn set_absent_to_zero(covariance: &mut Covariance, axes: Axes, terms: usize) {
     for axis in Axes::ALL.without(axes).iter().map(Axis::index) {
         if let CoefficientCovariance::Groups { factors, .. } = &mut covariance.coefficients {
@@ -165,7 +162,6 @@ fn set_absent_to_zero(covariance: &mut Covariance, axes: Axes, terms: usize) {
     }
 }
 
-/// Checks that the parts of a covariance are consistent with `terms` terms.
 fn check_covariance(covariance: &Covariance, terms: usize) -> Result<(), String> {
     let Covariance { residual, coefficients, shape, shared, intervals, .. } = covariance;
     let factors: Vec<(String, &Vec<Vec<f64>>)> = match coefficients {
@@ -215,7 +211,6 @@ fn check_count(name: &str, found: usize, expected: usize) -> Result<(), String> 
     Ok(())
 }
 
-/// Checks that the memory terms match the model's number of time constants, and have at least one if present.
 fn check_memory(memory: Option<&MemoryTerms>, expected: usize) -> Result<(), String> {
     let found = memory.map_or(0, |memory| memory.time_constants.len());
     let is_whole = found == expected;
@@ -227,7 +222,6 @@ fn check_memory(memory: Option<&MemoryTerms>, expected: usize) -> Result<(), Str
     Ok(())
 }
 
-/// Checks that the parts of the intervals in the field `name` are consistent.
 pub(super) fn check_intervals(name: &str, intervals: &GroupIntervals) -> Result<(), String> {
     let GroupIntervals { levels, factors, .. } = intervals;
     let ascending = levels.windows(2).all(|pair| pair[0] < pair[1]);
@@ -236,7 +230,6 @@ pub(super) fn check_intervals(name: &str, intervals: &GroupIntervals) -> Result<
     Ok(())
 }
 
-/// The value of the field `model`.
 const NAME: &str = "physics";
 
 #[derive(Serialize, Deserialize)]
@@ -274,7 +267,6 @@ pub(super) fn format_physics(file: &CalibrationFile, physics: &PhysicsCalibratio
     })
 }
 
-/// Parses the document of a physics model, of a known version.
 pub(super) fn parse_physics(text: &[u8]) -> Result<CalibrationFile, Problem> {
     read::<PhysicsDocument>(text)?.value().map_err(Problem::Inconsistent)
 }
@@ -295,7 +287,6 @@ impl PhysicsDocument {
         Ok(CalibrationFile { calibration, origin: self.origin })
     }
 
-    /// Checks that the parts are consistent; the rest of the program relies on that.
     fn check(&self) -> Result<(), String> {
         let is_physics = self.model == NAME;
         ensure!(is_physics, "`model` is `{}`, expected `{NAME}`", self.model);

@@ -1,7 +1,5 @@
-//! Reads whole documents, within a budget and only if the beginning has the expected form.
-//!
-//! Logs are streamed and may have any length. Calibrations, tables, manifests and profiles are read whole.
-//! The budget keeps a wrong file, a device or an endless pipe from filling the memory.
+//! Reads whole documents (logs are streamed), if the beginning has the expected form, and within a
+//! budget that keeps a wrong file, a device or an endless pipe from filling the memory.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -15,12 +13,10 @@ pub enum DocumentKind {
     Json,
     /// Lines of text: tables, manifests, profiles.
     Text,
-    /// A matrix, as text or in a binary format.
     Matrix,
 }
 
 impl DocumentKind {
-    /// The maximum number of bytes that are read.
     pub const fn budget(self) -> u64 {
         match self {
             // A calibration of the largest model with a covariance by groups.
@@ -32,12 +28,10 @@ impl DocumentKind {
         }
     }
 
-    /// The error for a document beyond the budget.
     pub(crate) fn too_long(self) -> io::Error {
         refusal(format!("it is longer than the {} MB that are read", self.budget() >> 20))
     }
 
-    /// Rejects a document whose beginning has the wrong form.
     fn check(self, first: &[u8]) -> Result<(), &'static str> {
         match self {
             DocumentKind::Json | DocumentKind::Text if first.contains(&0) => Err("it is not text"),
@@ -78,7 +72,6 @@ pub fn read(path: &Path, document: DocumentKind) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Reads the document at `path` and passes it to `parse`.
 pub(crate) fn document<T>(
     path: &Path,
     kind: DocumentKind,

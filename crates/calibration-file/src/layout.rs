@@ -21,7 +21,6 @@ struct Layout {
 }
 
 impl Layout {
-    /// Returns true if the next value stays on the current line.
     fn inline(&self) -> bool {
         self.arrays > 1
     }

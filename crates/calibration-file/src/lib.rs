@@ -1,7 +1,7 @@
 //! Calibrations as files: a JSON document, and the coefficient matrices that labs exchange.
 //!
-//! The document holds everything needed to apply a calibration, to judge it and to reproduce it. Numbers are
-//! written with the fewest digits that read back as the same `f64`.
+//! The document holds everything needed to apply a calibration, to judge it and to reproduce it.
+//! Numbers are written with the fewest digits that read back as the same `f64`.
 //!
 //! | field | content |
 //! |---|---|
@@ -29,7 +29,6 @@
 
 #![allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "reads files")]
 
-/// Returns an error with this text unless a condition holds.
 macro_rules! ensure {
     ($holds:expr, $($text:tt)+) => {
         let holds: bool = $holds;
@@ -115,44 +114,32 @@ impl Hint for CalibrationFileError {
     }
 }
 
-/// The reason why a calibration file cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum Problem {
-    /// It cannot be read.
     #[error("cannot read it: {0}")]
     Io(io::Error),
-    /// It is not JSON, or a number does not fit into an `f64`.
     #[error("line {}, column {}: not valid JSON: {}", .0.line, .0.column, .0.message)]
     NotJson(JsonFault),
-    /// A field is missing or of another type.
     #[error("line {}, column {}: not a calibration: {}", .0.line, .0.column, .0.message)]
     Field(JsonFault),
-    /// A version that this program does not know.
     #[error("its schema version is `{found}`, this program reads up to `{SCHEMA_VERSION}`")]
     SchemaVersion { found: u64 },
-    /// Parts that are inconsistent with each other.
     #[error("{0}")]
     Inconsistent(String),
-    /// The checksum does not match: the file was damaged or edited.
     #[error("it is not what was written: {0}")]
     Checksum(&'static str),
     /// The version predates checksums, or was edited to claim so.
     #[error("version `{version}` has no checksum, so damage cannot be detected")]
     Unsealed { version: u64 },
-    /// Values that no calibration has.
     #[error("it cannot be a calibration: {0}")]
     Implausible(Implausible),
-    /// An invalid coefficient matrix.
     #[error("{0}")]
     Matrix(matrix::MatrixError),
 }
 
-/// An error in a JSON document, with its position.
 #[derive(Debug)]
 pub struct JsonFault {
-    /// Line, from 1.
     pub line: usize,
-    /// Column, from 1.
     pub column: usize,
     /// The parser's message; for a field, its name and the expected type.
     pub message: String,
@@ -167,7 +154,6 @@ impl From<&serde_json::Error> for JsonFault {
 }
 
 impl Problem {
-    /// Shifts the position by the number of lines before the document.
     fn after_lines(mut self, before: usize) -> Self {
         if let Self::NotJson(fault) | Self::Field(fault) = &mut self {
             fault.line += before;
@@ -183,7 +169,6 @@ impl From<serde_json::Error> for Problem {
     }
 }
 
-/// The fields of a document that are read first.
 #[derive(Deserialize)]
 struct DocumentHeader {
     schema_version: u64,
@@ -194,8 +179,8 @@ struct DocumentHeader {
 }
 
 impl CalibrationFile {
-    /// The unexplained share of the loads' variance, 1 − R² per axis, if known. It is computed from the
-    /// training loads, or for a physics model from held-out loads.
+    /// The unexplained share of the loads' variance, 1 − R² per axis, if known. It is computed from
+    /// the training loads, or for a physics model from held-out loads.
     pub fn unexplained(&self) -> Option<PerAxis<f64>> {
         let diagnostics = self.origin.diagnostics.as_ref()?;
         let train = diagnostics.train;
@@ -213,10 +198,7 @@ impl CalibrationFile {
         known.then(|| std::array::from_fn(share))
     }
 
-    /// Reads the JSON document at `path`.
-    ///
-    /// # Errors
-    /// [`CalibrationFileError`] if it cannot be read, or as [`Self::parse`].
+    /// [`CalibrationFileError`] if the file at `path` cannot be read, or as [`Self::parse`].
     pub fn read(path: &Path) -> Result<Self, CalibrationFileError> {
         input::document(path, DocumentKind::Json, Self::parse)
     }
@@ -278,9 +260,9 @@ impl CalibrationFile {
         })
     }
 
-    /// Imports a calibration from the coefficient matrix at `path`: CSV, a calibration of ATI, or MATLAB 5,
-    /// as the beginning of the file shows. `options` supplies the information that the file lacks. The origin
-    /// names the file and is otherwise empty.
+    /// Imports a calibration from the coefficient matrix at `path`: CSV, a calibration of ATI, or
+    /// MATLAB 5, as the beginning of the file shows. `options` supplies the information that the
+    /// file lacks. The origin names the file and is otherwise empty.
     ///
     /// # Errors
     /// [`CalibrationFileError`] if the file cannot be read or is not such a matrix.

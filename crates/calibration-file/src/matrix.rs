@@ -1,9 +1,9 @@
 //! Coefficient matrices as labs exchange them: one row per feature of raw readings, six axes.
 //!
-//! The CSV has a header `feature,Fx_N,Fy_N,Fz_N,Mx_mNm,My_mNm,Mz_mNm`, or fewer axes. Its rows begin with
-//! `s1^1`, `s1^2`, …; products are `s1^1*s2^2`, and the intercept is `1`. Moments are in mN·m. The reader
-//! also accepts bare numbers, features by axes or transposed, in the order of [`Model::terms`], and
-//! calibrations of ATI's sensors.
+//! The CSV has a header `feature,Fx_N,Fy_N,Fz_N,Mx_mNm,My_mNm,Mz_mNm`, or fewer axes; moments are
+//! in mN·m. Its rows begin with `s1^1`, `s1^2`, …; products are `s1^1*s2^2`, the intercept is `1`.
+//! The reader also accepts bare numbers, features by axes or transposed, in the order of
+//! [`Model::terms`], and calibrations of ATI's sensors.
 
 use std::collections::HashMap;
 
@@ -15,7 +15,6 @@ use shell_data::wrench::{Axes, Axis, PerAxis};
 
 use super::LARGEST;
 
-/// Information that a matrix file lacks.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ImportOptions {
     /// The unit of moments; by default the unit in the header, or mN·m without a header.
@@ -24,13 +23,10 @@ pub struct ImportOptions {
     pub variable: Option<String>,
 }
 
-/// The reason why a file is not a coefficient matrix.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum MatrixError {
-    /// A MATLAB file without the requested variable.
     #[error("no matrix `{wanted}`; found `{}`", found.join("`, `"))]
     Variable { wanted: String, found: Vec<String> },
-    /// The file is not a matrix; the text gives the reason and the position.
     #[error("{0}")]
     Unusable(String),
 }
@@ -42,10 +38,8 @@ const BARE_CHANNELS: usize = 8;
 
 const MILLI: f64 = 1e3;
 
-/// The usual names of a calibration matrix, in order of preference.
 const USUAL_NAMES: [&str; 2] = ["N", "C"];
 
-/// Formats coefficients for raw readings as CSV in the lab's format, moments in mN·m.
 pub fn to_csv(polynomial: &Polynomial, axes: Axes) -> String {
     let names = axes.iter().map(|axis| HEADER[axis.index() + 1]);
     let mut csv = HEADER[..1].iter().copied().chain(names).collect::<Vec<_>>().join(",") + "\n";
@@ -54,8 +48,7 @@ pub fn to_csv(polynomial: &Polynomial, axes: Axes) -> String {
         csv += &feature_name(term);
         for (axis, coefficient) in axes.values(&row) {
             let unit = if axis.is_moment() { MILLI } else { 1.0 };
-            // Debug prints the shortest text that reads back as the same number, with an exponent where that
-            // is shorter.
+            // Debug prints the shortest text that reads back as the same number.
             csv += &format!(",{:?}", coefficient * unit);
         }
         csv.push('\n');
@@ -72,8 +65,8 @@ fn feature_name(term: &Term) -> String {
     powers.map(|run| format!("s{}^{}", run[0] + 1, run.len())).collect::<Vec<_>>().join("*")
 }
 
-/// Reads a matrix: CSV or MATLAB 5. A MATLAB 5 file begins with a text of 116 bytes
-/// and has its byte order mark at byte 126.
+/// Reads a matrix: CSV or MATLAB 5. A MATLAB 5 file begins with a text of 116 bytes and has its
+/// byte order mark at byte 126.
 pub(super) fn parse(bytes: &[u8], options: &ImportOptions) -> Result<Calibration, MatrixError> {
     if bytes.starts_with(b"MATLAB") && matches!(bytes.get(126..128), Some(b"IM" | b"MI")) {
         parse_matlab(bytes, options)
@@ -162,7 +155,6 @@ fn bare(records: &[csv::StringRecord], options: &ImportOptions) -> Result<Calibr
     from_values(records.len(), columns, |row, column| values[row * columns + column], options)
 }
 
-/// Reads a MATLAB 5 file, plain or compressed.
 fn parse_matlab(bytes: &[u8], options: &ImportOptions) -> Result<Calibration, MatrixError> {
     if bytes.starts_with(b"MATLAB 7.3") {
         return Err(unreadable("it is of version 7.3; save it with `-v6` or `-v7`"));
@@ -193,7 +185,6 @@ fn parse_matlab(bytes: &[u8], options: &ImportOptions) -> Result<Calibration, Ma
         .map_err(MatrixError::Unusable)
 }
 
-/// The error for a file that looks like MATLAB's.
 fn unreadable(why: &str) -> MatrixError {
     MatrixError::Unusable(format!("cannot be read as a MATLAB 5 file: {why}"))
 }
@@ -403,7 +394,7 @@ mod tests {
 
         use super::*;
 
-        /// A data element: type, length, and content padded to eight bytes (MAT-File Format, "Level 5").
+        /// Type, length, and content padded to eight bytes (MAT-File Format, "Level 5").
         fn element(kind: u32, content: &[u8]) -> Vec<u8> {
             let mut bytes = [kind.to_le_bytes(), (content.len() as u32).to_le_bytes()].concat();
             bytes.extend(content);

@@ -23,7 +23,6 @@ pub struct Origin {
     pub solver: Option<SolverRecord>,
     /// The quality of the fit; `None` for an imported matrix.
     pub diagnostics: Option<Diagnostics>,
-    /// The files that the calibration was made from.
     pub sources: Vec<SourceFile>,
     /// The roles of their columns, if these were specified.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -33,19 +32,16 @@ pub struct Origin {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SolverRecord {
     pub name: SolverKind,
-    /// The ridge parameter, 0 for none.
     pub ridge: f64,
     /// Directions with a singular value below this share of the largest are omitted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub truncate: Option<f64>,
 }
 
-/// The quality of a fit.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Diagnostics {
     pub rows: u64,
     pub skipped_rows: u64,
-    /// Number of rows with the same readings as the previous row.
     pub repeated_rows: u64,
     pub rank: usize,
     /// Condition number of the features, with columns scaled to norm one; `None` if infinite.
@@ -54,41 +50,36 @@ pub struct Diagnostics {
     pub train: PerAxis<AxisQuality>,
     #[serde(with = "by_axis::option")]
     pub test: Option<PerAxis<AxisQuality>>,
-    /// Errors on held-out training groups, if requested.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cross_validation: Option<CrossValidation>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub selection: Option<Selection>,
-    /// How well the training loads cover the six axes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub excitation: Option<Excitation>,
-    /// The share of test rows at poses of the training data, if so many that the test cannot assess new
-    /// poses.
+    /// The share of test rows at poses of the training data, if so many that the test cannot assess
+    /// new poses.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub test_leak: Option<f64>,
-    /// The share of training rows whose pose also occurs in other groups, if so many that held-out groups
-    /// cannot assess new poses.
+    /// The share of training rows whose pose also occurs in other groups, if so many that held-out
+    /// groups cannot assess new poses.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub group_leak: Option<f64>,
 }
 
-/// A file that a calibration was made from.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SourceFile {
     pub role: Role,
-    /// The path as it was given.
     #[serde(serialize_with = "as_unicode")]
     pub path: PathBuf,
     /// The checksum from `log_file::checksum`.
     pub checksum: Option<String>,
-    /// The identity of the rows, as written by [`Fingerprint`](shell_data::fingerprint::Fingerprint). It
-    /// covers the parsed values, whatever the format of the file.
+    /// Identity of the parsed rows in any file format, by
+    /// [`Fingerprint`](shell_data::fingerprint::Fingerprint).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub digest: Option<String>,
     pub rows: u64,
 }
 
-/// The role of a source file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Role {
@@ -96,9 +87,7 @@ pub enum Role {
     Test,
     /// The wrench for the previous source, row by row.
     Wrench,
-    /// An imported coefficient matrix.
     Matrix,
-    /// The calibration that was updated.
     Calibration,
 }
 

@@ -24,21 +24,16 @@ pub const SCHEMA_VERSION: u64 = 1;
 
 const KIND: &str = "payload";
 
-/// The payload of a sensor, with its origin.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PayloadFile {
-    /// Program and version.
     pub made_by: String,
-    /// Date and time, UTC, RFC 3339.
     pub date: String,
     pub sources: Vec<PayloadSource>,
     #[serde(flatten)]
     pub fit: PayloadFit,
-    /// The orientation and offsets of the accelerometer.
     pub accelerometer: Option<Accelerometer>,
 }
 
-/// A log that a payload was fitted to.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PayloadSource {
     #[serde(serialize_with = "as_unicode")]
@@ -55,10 +50,7 @@ struct PayloadDocument<'f> {
 }
 
 impl PayloadFile {
-    /// Reads the document at `path`.
-    ///
-    /// # Errors
-    /// [`CalibrationFileError`] if it cannot be read, or as [`Self::parse`].
+    /// [`CalibrationFileError`] if the file at `path` cannot be read, or as [`Self::parse`].
     pub fn read(path: &Path) -> Result<Self, CalibrationFileError> {
         let parse = |text: &[u8]| Self::parse(text).map_err(Problem::Inconsistent);
         input::document(path, DocumentKind::Json, parse)
@@ -91,7 +83,6 @@ impl PayloadFile {
         serde_json::to_string_pretty(&document).expect("plain numbers are always JSON") + "\n"
     }
 
-    /// Checks that the numbers are plausible; the rest of the program relies on that.
     fn check(&self) -> Result<(), String> {
         let Payload { mass_kg, centre_m, force_bias_n, moment_bias_nm } = &self.fit.payload;
         let is_positive = *mass_kg > 0.0 && *mass_kg <= LARGEST;

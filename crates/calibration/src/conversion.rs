@@ -29,8 +29,7 @@ pub struct Calibration {
     pub valid_range: Option<Vec<ReadingRange>>,
     /// Memory terms that must follow the readings.
     pub memory: Option<MemoryTerms>,
-    /// Lag of the training logs' reference behind the readings. The fit compensated it: forces refer to the
-    /// time of the reading.
+    /// Lag of the training logs' reference behind the readings, which the fit compensated.
     pub lag: Option<ReferenceLag>,
 }
 
@@ -44,13 +43,11 @@ pub enum Kind {
 }
 
 impl Calibration {
-    /// Creates a calibration from coefficients for standardised readings.
-    ///
-    /// `coefficients` has one entry per [term](Model::terms), in N and N·m per unit of the feature.
+    /// Creates a calibration from coefficients for standardised readings, one entry per
+    /// [term](Model::terms), in N and N·m per unit of the feature.
     ///
     /// # Panics
-    /// If the number of coefficients differs from the number of terms, or the number of scalings from the
-    /// number of channels.
+    /// If the numbers of coefficients and terms, or of scalings and channels, differ.
     pub fn new(model: Model, scaling: Scaling, coefficients: Vec<PerAxis<f64>>) -> Self {
         Self::from_kind(Kind::Polynomial(Polynomial::new(model, scaling, coefficients)))
     }
@@ -60,8 +57,8 @@ impl Calibration {
         Self { kind, axes: Axes::ALL, covariance: None, valid_range: None, memory: None, lag: None }
     }
 
-    /// Creates a calibration of all six axes from the solution of a solver, valid over the ranges of its
-    /// training data, without a covariance.
+    /// Creates a calibration of all six axes from the solution of a solver, valid over the ranges
+    /// of its training data, without a covariance.
     pub fn from_solution(solution: &Solution, ranges: &ReadingRanges) -> Self {
         let c = &solution.coefficients;
         let rows = (0..c.nrows()).map(|j| std::array::from_fn(|axis| c[(j, axis)])).collect();
@@ -97,8 +94,8 @@ impl Calibration {
         self.memory.as_ref().is_some_and(|memory| memory.time_base == TimeBase::Seconds)
     }
 
-    /// Prepares rows for a comparison with converted readings: appends memory terms to the readings, and
-    /// moves the wrench to the time of the readings.
+    /// Prepares rows for a comparison with converted readings: appends memory terms to the
+    /// readings, and moves the wrench to the time of the readings.
     ///
     /// # Errors
     /// [`FitError::NoTime`] if the time constants are in seconds and a log has no time.
@@ -106,7 +103,7 @@ impl Calibration {
         prepared(data.clone(), self.memory.as_ref(), self.lag)
     }
 
-    /// Appends memory terms of zero to readings of the channels alone; returns other readings unchanged.
+    /// Appends memory terms of zero to readings of the channels alone.
     pub(super) fn with_terms<'a>(&self, readings: &'a [Vec<f64>]) -> Cow<'a, [Vec<f64>]> {
         let columns = self.columns();
         if readings.len() != self.channels() || readings.len() == columns {
@@ -134,12 +131,12 @@ impl Calibration {
         }
     }
 
-    /// Converts every row to an untared wrench: N and N·m.
+    /// Converts every row to an untared wrench, N and N·m, bit-identical on every machine and
+    /// whatever the neighbouring rows.
     ///
-    /// `readings` has one column per channel, in counts, and then the [memory terms](Self::memory); without
-    /// these the sensor is assumed to have been at rest. `wrench` is resized to the number of rows, with
-    /// zeros on axes that are not in [`Self::axes`]. The result is bit-identical on every machine, and does
-    /// not depend on neighbouring rows.
+    /// `readings` has one column per channel, in counts, and then the [memory terms](Self::memory);
+    /// without these the sensor is assumed to have been still. `wrench` is resized to the number of
+    /// rows, with zeros on axes that are not in [`Self::axes`].
     ///
     /// # Panics
     /// If `readings` does not have these columns, or they differ in length.
@@ -155,8 +152,8 @@ impl Calibration {
         }
     }
 
-    /// Flags, for every row, the channels whose reading lies outside the range of the training data: bit `i`
-    /// for channel `i` from 0; all channels from 63 up share the last bit. Zero if the range is not known.
+    /// Flags, for every row, the channels whose reading is outside the training range, if known:
+    /// bit `i` for channel `i` from 0; all channels from 63 up share the last bit.
     pub fn out_of_range(&self, readings: &[Vec<f64>]) -> Vec<u64> {
         let mut flags = vec![0; readings.first().map_or(0, Vec::len)];
         for (channel, range) in self.valid_range.iter().flatten().enumerate() {
@@ -168,8 +165,8 @@ impl Calibration {
         flags
     }
 
-    /// Converter of the readings, from their range in the training data, or of 12 bits if that is unknown;
-    /// `full_scale` replaces its highest reading. `None` if readings are not counts.
+    /// Converter of the readings, from their range in the training data, or of 12 bits if that is
+    /// unknown; `full_scale` replaces its highest reading. `None` if readings are not counts.
     pub fn converter(&self, full_scale: Option<f64>) -> Option<Converter> {
         let found = match &self.valid_range {
             None => Some(Converter::new(4095.0)),

@@ -14,8 +14,8 @@ use shell_data::statistics::RunningVariance;
 /// The rows that are held out together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HeldOut {
-    /// Each group of the logs' group column, or each file, or each group found in a single log, or else
-    /// blocks of time.
+    /// Each group of the logs' group column, or each file, or each group found in a single log, or
+    /// else blocks of time.
     Auto,
     /// Each file.
     File,
@@ -59,7 +59,7 @@ pub enum GroupBy {
     File,
     /// The rows with one label in the logs' group column.
     Column,
-    /// Stretches of rows that were found.
+    /// Blocks of rows that were found.
     Found(FoundGroups),
 }
 
@@ -74,17 +74,16 @@ pub enum FoundKind {
     Stretches,
 }
 
-/// Number of blocks of time into which rows without any other group are divided.
 const STRETCHES: u64 = 40;
 
-/// Rows are shuffled if the correlation of neighbouring loads is below this; in a recording in order of
-/// time it is far higher.
+/// Rows are shuffled if the correlation of neighbouring loads is below this; in a recording in
+/// order of time it is far higher.
 pub(crate) const SHUFFLED_BELOW: f64 = 0.3;
 
-/// Maximum number of stretches into which the rows of several files are divided.
+/// Maximum number of blocks of time into which the rows of several files are divided.
 const MOST_STRETCHES: u64 = 100;
 
-/// Minimum length of a stretch, in correlation lengths of the loads.
+/// Minimum length of a block of time, in correlation lengths of the loads.
 const STRETCH_LENGTHS: usize = 8;
 
 /// Number of rows that the check of their order uses.
@@ -165,10 +164,9 @@ impl From<GroupKind> for GroupBy {
     }
 }
 
-/// Labels the rows of a data set by the groups that can be held out: the groups asked for or, for
-/// [`HeldOut::Auto`] and folds, the first available of: a column that all logs have, several files, plateaus
-/// of constant load, recordings between jumps of the clock, forty blocks of time. `None` if there are
-/// none.
+/// Labels rows by the groups that can be held out: the groups asked for or, for [`HeldOut::Auto`]
+/// and folds, the first available of: a column that all logs have, several files, plateaus of
+/// constant load, recordings between jumps of the clock, forty blocks of time. `None` without any.
 pub fn label_groups(data: &Dataset, held_out: HeldOut) -> Option<(GroupBy, Dataset)> {
     match held_out {
         HeldOut::File => Some((GroupBy::File, label_by_file(data))),
@@ -185,8 +183,7 @@ pub fn label_poses_or_files(data: &Dataset) -> Dataset {
     label_poses(data).map_or_else(|| label_by_file(data), |(_, data)| data)
 }
 
-/// Labels the rows by groups within which errors may be correlated, if a sample of the rows shows such
-/// groups.
+/// By groups within which errors may be correlated, if a sample of the rows shows some.
 pub(crate) fn label_poses(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     given(data).or_else(|| label_plateaus(data))
 }
@@ -200,8 +197,7 @@ fn label_plateaus(data: &Dataset) -> Option<(GroupBy, Dataset)> {
 /// Groups of a column are poses if at most this share of the variance of the loads is within them.
 const WITHIN_POSES: f64 = 0.1;
 
-/// Returns true if rows are in poses: groups of a column in which loads hardly change, or plateaus in all
-/// logs.
+/// True for groups of a column in which loads hardly change, or plateaus in all logs.
 pub(crate) fn has_poses(data: &Dataset) -> bool {
     match data.logs.iter().all(|log| log.has_groups) {
         true => loads_are_constant_in_groups(data),
@@ -217,15 +213,15 @@ fn loads_are_constant_in_groups(data: &Dataset) -> bool {
     })
 }
 
-/// Returns true if a log may have plateaus, judging by a sample of its rows. A sample of the first rows only
-/// cannot rule them out.
+/// Returns true if a log may have plateaus, judging by a sample of its rows. A sample of the first
+/// rows only cannot rule them out.
 pub fn may_have_plateaus(sample: &Block, is_sampled_at_start: bool) -> bool {
     let mut finder = PlateauFinder::<6>::new(Steps::from_sample(&[], &sample.wrench));
     finder.add(&[], &sample.wrench);
     is_sampled_at_start || matches!(finder.finish(), Stretches::Plateaus(_))
 }
 
-/// The groups that the input provides: a column if all logs have one, otherwise files if there are several.
+/// A column if all logs have one, otherwise files if there are several.
 fn given(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     match data.logs.len() {
         1.. if data.logs.iter().all(|log| log.has_groups) => Some((GroupBy::Column, data.clone())),
@@ -274,9 +270,9 @@ fn stretches(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     (groups > 1).then(|| label_found(data, FoundKind::Stretches, vec![rows]))
 }
 
-/// Labels the rows of several files by blocks of time, and returns the stretches of each file. Stretches
-/// are long enough that the errors of neighbours are nearly uncorrelated. `None` if the order of rows is not
-/// informative: rows in poses, shuffled rows, or loads that stay correlated for too long.
+/// Blocks of time of several files, and the blocks of each file: so long that the errors of
+/// neighbours are nearly uncorrelated. `None` if the order of rows says nothing: rows in poses,
+/// shuffled rows, or loads that stay correlated for too long.
 pub(crate) fn stretches_of_files(data: &Dataset) -> Option<(Dataset, Vec<Range<usize>>)> {
     let is_apart = |&lag: &usize| load_correlation(data, lag) < SHUFFLED_BELOW;
     let lags = std::iter::successors(Some(1), |lag| Some(2 * lag));
@@ -297,8 +293,8 @@ pub(crate) fn stretches_of_files(data: &Dataset) -> Option<(Dataset, Vec<Range<u
     Some((label_found(data, FoundKind::Stretches, lengths).1, files))
 }
 
-/// Returns true if the rows are not in order of time: neighbouring loads are uncorrelated on every axis, so
-/// rows cannot be held out by time.
+/// Returns true if the rows are not in order of time: neighbouring loads are uncorrelated on every
+/// axis, so rows cannot be held out by time.
 pub(crate) fn rows_are_shuffled(data: &Dataset) -> bool {
     data.rows() > STRETCHES && load_correlation(data, 1) < SHUFFLED_BELOW
 }

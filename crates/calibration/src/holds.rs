@@ -1,4 +1,5 @@
-//! Stretches of still readings in a recording without labels, matched in order with a list of loads.
+//! Poses (blocks of still readings) in a recording without labels, matched in order with a list of
+//! loads.
 
 use crate::groups::label_runs;
 use crate::validation::plateaus::{Level, PlateauFinder, SAME_LEVEL, Steps};
@@ -6,36 +7,35 @@ use sensor_physics::MOST_CHANNELS;
 use shell_data::dataset::{Dataset, LogRows, sample};
 use shell_data::statistics::extremes;
 
-/// A hold has no load if every channel is within this share of its range from the first hold: play remains
-/// when weights are taken off.
+/// A pose has no load if every channel is within this share of its range from the first: play
+/// remains when weights are taken off.
 const AT_REST: f64 = 0.03;
 
-/// The error that the number of holds does not match the number of loads.
+/// The error that the number of poses does not match the number of loads.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("found `{holds}` still intervals, `{loaded}` of them loaded, for `{loads}` loads{times}")]
 pub struct HoldMismatch {
-    /// Number of stretches of still readings.
+    /// Number of poses (blocks of still readings).
     pub holds: usize,
-    /// Number of stretches that differ from the first.
+    /// Number of poses that differ from the first.
     pub loaded: usize,
     /// Number of loads.
     pub loads: usize,
-    /// Times of the stretches, in words.
+    /// Times of the poses, in words.
     pub times: String,
 }
 
-/// Shares of a channel's range within which successive levels are merged. The plateau finder uses the first;
-/// the wider ones allow for creep of springs.
+/// Shares of a channel's range within which successive levels are merged. The plateau finder uses
+/// the first; the wider ones allow for creep of springs.
 const SAME: [f64; 3] = [SAME_LEVEL, 0.02, 0.04];
 
 type ReadingHold = Level<MOST_CHANNELS>;
 
-/// Labels the rows of a data set by the hung load: stretches of still readings are matched with the labels in
-/// order. If there are more stretches than labels, those that read like the first are taken to have no load.
-/// Rows outside all stretches have the empty label.
+/// Labels rows by the hung load: poses are matched with the labels in order. If there are more
+/// poses than labels, those that read like the first have no load. Other rows have the empty label.
 ///
 /// # Errors
-/// [`HoldMismatch`] if neither the stretches nor the loaded stretches are as many as the labels.
+/// [`HoldMismatch`] if neither the poses nor the loaded poses are as many as the labels.
 pub fn label_holds(data: &Dataset, labels: &[String]) -> Result<Dataset, HoldMismatch> {
     let finders: Vec<_> = data.logs.iter().map(finder).collect();
     let found = |same: f64| -> Vec<(usize, ReadingHold)> {
@@ -64,7 +64,7 @@ pub fn label_holds(data: &Dataset, labels: &[String]) -> Result<Dataset, HoldMis
     Ok(data)
 }
 
-/// Times at which the first few stretches of still readings begin and end, s, if logs have time.
+/// Start and end of the first few poses, s, if logs have time.
 fn times(data: &Dataset, holds: &[(usize, ReadingHold)]) -> String {
     const SHOWN: usize = 4;
     let time_s = |log: usize, row: u64| {
@@ -125,8 +125,8 @@ mod tests {
     use shell_data::block::Block;
     use shell_data::wrench::Axes;
 
-    /// Three loads with rest in between: 100 rows of rest, 200 rows of a load, each after 30 rows of
-    /// transition.
+    /// Three loads of 200 rows, 100 rows without a load between them, 30 rows of transition before
+    /// each.
     fn recording() -> Dataset {
         let mut random = Random(3);
         let loads = [[0.0; 3], [200.0, -50.0, 30.0], [-90.0, 100.0, 10.0], [40.0, 60.0, -150.0]];
@@ -191,7 +191,7 @@ mod tests {
         let labelled = label_holds(&data, &labels).unwrap();
         let runs = &labelled.logs[0].blocks[0].labels;
         let named: Vec<&(String, usize)> = runs.iter().filter(|run| !run.0.is_empty()).collect();
-        // Rows before the first that agree are in no stretch.
+        // Rows before the first that agree are in no pose.
         assert!(named.len() == 3 && named.iter().all(|run| run.1 > 400), "{named:?}");
         let error = label_holds(&data, &labels[..2]).unwrap_err();
         assert!(error.to_string().contains("(still: 0.0 to 1"), "{error}");

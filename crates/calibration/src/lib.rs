@@ -1,12 +1,12 @@
 //! Calibration from sensor readings to a wrench.
 //!
-//! `W ≈ X(s)·C`: `X` holds one [feature](model) per column, a product of up to three readings, and `W` the
-//! six axes of the wrench. Alternatively, a model of each sensor's response to a wrench ([physics]) is
-//! inverted.
+//! `W ≈ X(s)·C`: `X` holds one [feature](model) per column, a product of up to three readings, and
+//! `W` the six axes of the wrench. Alternatively, a model of each sensor's response to a wrench
+//! ([physics]) is inverted.
 //!
-//! [`fit()`] takes rows, finds groups and a model, and reports how far the resulting [`Calibration`] can be
-//! trusted. The crate [`least_squares`] sums, solves and holds out rows; [`sensor_physics`] models the
-//! response of a sensor. Everything here is pure: no files, no clocks, no printing.
+//! [`fit()`] takes rows, finds groups and a model, and reports how far the resulting
+//! [`Calibration`] can be trusted. The crate [`least_squares`] sums, solves and holds out rows;
+//! [`sensor_physics`] models the response of a sensor. No files, clocks or printing.
 //!
 //! ```
 //! use calibration::solver::{self, FitProblem, SolverKind};

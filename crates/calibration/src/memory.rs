@@ -1,17 +1,16 @@
 //! Memory terms: the difference between a reading and its moving average.
 //!
-//! Flexures creep and gels relax, so a reading depends on earlier loads. In addition to its features a model
-//! may have, for each channel and each time constant τ, the term
+//! Flexures creep and gels relax, so a reading depends on earlier loads. In addition to its
+//! features a model may have, for each channel and each time constant τ, the linear column
 //!
 //! ```text
 //! m(t) = s(t) − e(t),    τ·de/dt = s − e
 //! ```
 //!
-//! as a linear column. A reading is held until the next, so `e` at a row follows from the previous row by
-//! `e ← e + (1 − exp(−Δt/τ))·(s − e)`. This is exact for uneven rows, too: a repeated row changes nothing,
-//! and time bridges a lost one. A late row, which follows rows of later times, is compared with the current
-//! `e` and changes nothing. If the clock jumps, the terms restart at zero, as at the start of a log. The
-//! terms are causal.
+//! A reading is held until the next, so `e` at a row follows from the previous row by
+//! `e ← e + (1 − exp(−Δt/τ))·(s − e)`, also for uneven, repeated and lost rows. A late row, which
+//! follows rows of later times, is compared with the current `e` and changes nothing. If the clock
+//! jumps, the terms restart at zero, as at the start of a log. The terms are causal.
 
 use shell_data::block::Block;
 
@@ -75,11 +74,12 @@ impl MemoryTerms {
 }
 
 impl MemoryState {
-    /// Computes the terms of the next rows: columns as long as those of `readings`, channel by channel for
-    /// each time constant.
+    /// Computes the terms of the next rows: columns as long as those of `readings`, channel by
+    /// channel for each time constant.
     ///
     /// # Errors
-    /// [`NoTime`] if the time constants are in seconds and `times_s` does not have a time for each row.
+    /// [`NoTime`] if the time constants are in seconds and `times_s` does not have a time for each
+    /// row.
     pub fn terms(
         &mut self,
         times_s: &[f64],

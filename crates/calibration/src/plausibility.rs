@@ -1,7 +1,6 @@
-//! Check that a calibration is plausible: its centre lies near its training readings, and the forces over
-//! their range are finite and physically possible.
-//!
-//! The check finds damaged files and mistyped numbers, not poor fits.
+//! Check that a calibration is plausible: its centre lies near its training readings, and the
+//! forces over their range are finite and physically possible. It finds damaged files and mistyped
+//! numbers, not poor fits.
 
 use shell_data::wrench::{Axis, PerAxis};
 
@@ -11,16 +10,15 @@ use least_squares::reading_ranges::ReadingRange;
 /// Largest plausible force, in N or N·m, unless the training loads imply a larger one.
 const LARGEST_FORCE: f64 = 1e15;
 
-/// Largest plausible ratio of a force at a corner of the training range to the largest training load.
-/// Channels that move together give coefficients that cancel only near the training data.
+/// Largest plausible ratio of a force at a corner of the training range to the largest training
+/// load. Channels that move together give coefficients that cancel only near the training data.
 const TIMES_LOAD: f64 = 1e12;
 
-/// Largest plausible distance of the centre from the training range, in widths of that range: dropped
-/// outliers move the centre.
+/// Largest plausible distance of the centre from the training range, in widths of that range:
+/// dropped outliers move the centre.
 const WIDTHS: f64 = 1e3;
 
-/// Number of channels up to which all corners are checked; with more, only corners where all channels but one
-/// agree.
+/// With more channels, only the corners where all channels but one agree are checked.
 const CORNER_CHANNELS: usize = 8;
 
 /// An implausible value in a calibration.
@@ -51,8 +49,8 @@ pub enum Implausible {
 }
 
 impl Calibration {
-    /// Checks that centres and forces are plausible over the range of the training data, if that is known.
-    /// `largest_load` is the largest magnitude of the training loads, N or N·m.
+    /// Checks that centres and forces are plausible over the range of the training data, if that is
+    /// known. `largest_load` is the largest magnitude of the training loads, N or N·m.
     ///
     /// # Errors
     /// The first [`Implausible`].

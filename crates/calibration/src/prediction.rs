@@ -20,8 +20,8 @@ pub struct Tare {
     pub features: Vec<f64>,
     /// Mean wrench of the frames, N and N·m, to be subtracted.
     pub wrench: PerAxis<f64>,
-    /// Mean variance of a physics model's error at the pose of the frames, squares of N and N·m, which does
-    /// not fall with more frames. Zero for a polynomial, where the features give it.
+    /// Mean variance of a physics model's error at the pose of the frames, squares of N and N·m,
+    /// which does not fall with more frames. Zero for a polynomial, where the features give it.
     pub variance: PerAxis<f64>,
 }
 
@@ -80,14 +80,14 @@ impl Calibration {
         }
     }
 
-    /// Standard error of every row and axis, N and N·m; see [`least_squares::uncertainty`] for the formulas.
-    /// If readings of a polynomial are outside the range of the training data, the difference between the
-    /// wrench there and at the end of the range is unconfirmed, and counts as a further 95 % error.
-    ///
-    /// `readings` has one column per channel, in counts. `None` if the calibration carries no covariance.
+    /// Standard error of every row and axis, N and N·m; see [`least_squares::uncertainty`]. Outside
+    /// the training range of a polynomial, the difference from the wrench at the end of the range
+    /// is unconfirmed, and counts as a further 95 % error. `readings` has one column per channel,
+    /// in counts. `None` without a covariance.
     ///
     /// # Panics
-    /// If `readings` does not have one column per channel of the model, or the columns differ in length.
+    /// If `readings` does not have one column per channel of the model, or the columns differ in
+    /// length.
     pub fn standard_errors(
         &self,
         readings: &[Vec<f64>],
@@ -137,16 +137,15 @@ impl Calibration {
     }
 }
 
-/// Reliability of some rows. Masks have bit `i` for channel `i`; they are empty if the model does not provide
-/// them.
+/// Reliability of some rows. Masks have bit `i` for channel `i`; they are empty if the model does
+/// not provide them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Trust {
     /// Standard errors, N and N·m.
     pub standard_errors: PerAxis<Vec<f64>>,
-    /// Channels on a plateau of their curve, which carry no information about the wrench.
+    /// Channels on a flat end of their curve, which carry no information about the wrench.
     pub insensitive: Vec<u64>,
-    /// Channels that the model left out: constant in its training data, not a number, or inconsistent with
-    /// all others.
+    /// Channels left out: constant in training, not a number, or inconsistent with all others.
     pub left_out: Vec<u64>,
 }
 

@@ -1,10 +1,8 @@
-//! Axes with their ranges, spacing and ticks; and panels, which are pairs of axes with frame, grid and
-//! labels.
+//! Axes with ranges and ticks; panels, which are pairs of axes with frame, grid and labels.
 
 use super::canvas::{Figure, Pen, Rect, Style, number, point};
 use super::palette;
 
-/// The spacing of the values of an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Spacing {
     /// Equal differences have equal lengths.
@@ -38,12 +36,9 @@ impl ValueRange {
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlotAxis {
-    /// The quantity: "measured Fx".
     quantity: String,
-    /// Its unit, empty for none.
     unit: String,
     spacing: Spacing,
-    /// The smallest and the largest value shown.
     pub(super) range: ValueRange,
 }
 
@@ -55,10 +50,8 @@ pub(super) struct Tick {
 }
 
 impl PlotAxis {
-    /// An axis over `low..=high`.
-    ///
-    /// A range that cannot be drawn is corrected: reversed ends are swapped, an empty range is widened, and a
-    /// range that is not finite or, on a logarithmic axis, not positive is replaced.
+    /// An axis over `low..=high`. Corrects what cannot be drawn: swaps reversed ends, widens an
+    /// empty range, and replaces one that is not finite or, on a logarithmic axis, not positive.
     pub fn new(quantity: &str, unit: &str, spacing: Spacing, low: f64, high: f64) -> Self {
         let (low, high) = (low.min(high), high.max(low));
         // A range too short for ticks, or with an end that is not a number, shows only its lower end.
@@ -88,7 +81,6 @@ impl PlotAxis {
         Self::new(quantity, unit, Spacing::Linear, low, high)
     }
 
-    /// Extends the axis by a share of its length at both ends.
     pub fn padded(mut self, share: f64) -> Self {
         let ValueRange { low, high } = self.range;
         let (low, high) = match self.spacing {
@@ -118,8 +110,8 @@ impl PlotAxis {
         }
     }
 
-    /// Ticks at round values that divide the axis into at most `count` parts: multiples of 1, 2 or 5 times a
-    /// power of ten; on a log axis the powers of ten.
+    /// Ticks at round values that divide the axis into at most `count` parts: multiples of 1, 2 or
+    /// 5 times a power of ten; on a log axis the powers of ten.
     pub(super) fn ticks(&self, count: usize) -> Vec<Tick> {
         if self.spacing == Spacing::Log {
             return self.log_ticks(count);
@@ -161,7 +153,7 @@ impl PlotAxis {
         ticks.filter(|tick| within.contains(&tick.value)).collect()
     }
 
-    /// The power of ten, a multiple of three, omitted from the labels of a linear axis to keep them short.
+    /// Power of ten, a multiple of three, omitted from the labels to keep them short.
     fn power_of_ten(&self) -> i32 {
         let largest = self.range.low.abs().max(self.range.high.abs());
         if self.spacing == Spacing::Log || (0.1..10_000.0).contains(&largest) {
@@ -172,7 +164,6 @@ impl PlotAxis {
     }
 }
 
-/// The multiples of 1, 2 and 5 of powers of ten from about `least` up.
 fn round_steps(least: f64) -> impl Iterator<Item = f64> {
     let power = least.log10().floor() as i32;
     (power..)
@@ -180,14 +171,12 @@ fn round_steps(least: f64) -> impl Iterator<Item = f64> {
         .filter(move |&step| step >= least * (1.0 - 1e-9))
 }
 
-/// A number with a fixed number of decimals and a true minus sign.
 pub(super) fn decimal(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
     let is_zero = text.bytes().all(|byte| matches!(byte, b'0' | b'.' | b'-'));
     if is_zero { text.replace('-', "") } else { text.replace('-', "\u{2212}") }
 }
 
-/// A digit times a power of ten.
 pub(super) fn log_label(digit: i32, power: i32) -> String {
     match (digit, power) {
         (digit, 0..=3) => (digit * 10i32.pow(power as u32)).to_string(),
@@ -210,7 +199,6 @@ fn superscript(number: i32) -> String {
     number.to_string().chars().map(digit).collect()
 }
 
-/// A pair of axes and the rectangle that they span.
 #[derive(Clone, Debug)]
 pub(super) struct Panel {
     pub(super) area: Rect,
@@ -218,22 +206,17 @@ pub(super) struct Panel {
     pub(super) y: PlotAxis,
 }
 
-/// Space for tick labels and title left of a panel.
 pub(super) const LEFT_MARGIN: f64 = 60.0;
-/// Space for tick labels and title below a panel.
 pub(super) const BOTTOM_MARGIN: f64 = 40.0;
 
-/// The area of a panel as wide as a figure of this width allows.
 pub(super) fn wide_area(width: f64, top: f64, height: f64) -> Rect {
     Rect { left: LEFT_MARGIN + 8.0, top, width: width - LEFT_MARGIN - 24.0, height }
 }
 
 const TICK: f64 = 4.0;
-/// Suitable distances between two labels, in pixels.
 const TICK_PITCH: [f64; 2] = [44.0, 28.0];
 
 impl Panel {
-    /// The position of the point (x, y) on the canvas.
     pub(super) fn place(&self, x: f64, y: f64) -> (f64, f64) {
         (
             self.area.left + self.area.width * self.x.position(x),
@@ -264,7 +247,6 @@ impl Panel {
         canvas.stroke(path, palette::GRID, Pen::Round(1.0));
     }
 
-    /// Draws the line at which y is zero, under the data.
     pub(super) fn draw_zero(&self, canvas: &mut Figure) {
         let (_, zero) = self.place(self.x.range.low, 0.0);
         canvas.line((self.area.left, zero), (self.area.right(), zero), palette::ZERO, 1.0);
@@ -277,8 +259,7 @@ impl Panel {
         self.draw_y_labels(canvas);
     }
 
-    /// Like [`Self::draw_frame`], for a column of panels with one horizontal axis, which the last panel
-    /// labels.
+    /// Like [`Self::draw_frame`], for a column of panels whose last one labels the horizontal axis.
     pub(super) fn draw_stacked_frame(&self, canvas: &mut Figure, is_last: bool) {
         canvas.frame(self.area, palette::INK);
         self.draw_y_labels(canvas);

@@ -1,10 +1,9 @@
-//! The canvas of figures: a few basic shapes, with coordinates in CSS pixels, y down.
+//! Canvas of figures: a few basic shapes in drawing order, in CSS pixels, y down.
 //!
-//! Shapes are kept in drawing order. `svg`, `pdf` and `pixels` write them.
-//!
-//! Widths and letter sizes for print follow Nature (research-figure-guide.nature.com, "Building and exporting
-//! figure panels": 89 and 183 mm, text from 5 to 7 pt), which suits most journals. A figure for print is laid
-//! out again for its width: if it were only scaled down, its letters would be too small to read.
+//! Widths and letter sizes for print follow Nature (research-figure-guide.nature.com, "Building and
+//! exporting figure panels": 89 and 183 mm, text from 5 to 7 pt), which suits most journals. A
+//! figure for print is laid out again for its width: scaled down, its letters would be too small to
+//! read.
 
 use super::palette::Colour;
 
@@ -13,16 +12,13 @@ const POINTS: f64 = 72.0;
 const PIXELS: f64 = 96.0;
 const MM: f64 = 25.4;
 
-/// The largest letters in a drawing (titles), the largest on paper, and the smallest on paper: drawing units,
-/// pt, pt.
+/// Largest letters in a drawing (titles, drawing units), largest and smallest on paper (pt).
 const LARGEST: f64 = 13.0;
 const LARGEST_PT: f64 = 7.0;
 const LEAST_PT: f64 = 5.0;
 
-/// Pixels of a PNG per inch on paper.
 const PRINT_DPI: f64 = 600.0;
 
-/// Pixels of a PNG per CSS pixel on a screen.
 const SCREEN_PIXELS: f64 = 2.0;
 
 #[derive(Clone, Debug, PartialEq)]
@@ -33,15 +29,12 @@ pub struct Figure {
     pub(super) shapes: Vec<Shape>,
 }
 
-/// The width of a figure: on a screen, or in columns of a paper.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Size {
     /// A width that suits the content, in CSS pixels.
     #[default]
     Screen,
-    /// One column of a paper.
     Single,
-    /// Two columns.
     Double,
 }
 
@@ -64,7 +57,6 @@ impl Size {
         self.width_mm().map_or(usual, |width_mm| width_mm / MM * PIXELS / self.scale())
     }
 
-    /// Converts a length in units of the drawing to mm.
     pub(super) fn mm(self, length: f64) -> f64 {
         length * self.scale() * MM / PIXELS
     }
@@ -74,12 +66,10 @@ impl Size {
         if self == Self::Screen { size } else { size.max(LEAST_PT / LARGEST_PT * LARGEST) }
     }
 
-    /// Pixels of a PNG per unit of the drawing.
     pub(super) fn pixels(self) -> f64 {
         if self == Self::Screen { SCREEN_PIXELS } else { self.scale() * PRINT_DPI / PIXELS }
     }
 
-    /// Returns true if adjacent parts must be narrow.
     pub(super) fn is_narrow(self) -> bool {
         self == Self::Single
     }
@@ -93,14 +83,12 @@ pub(super) enum Shape {
         colour: Colour,
         pen: Option<Pen>,
     },
-    /// A text, and its tooltip.
     Text {
         at: (f64, f64),
         text: String,
         title: Option<String>,
         style: Style,
     },
-    /// Clips all later shapes to the rectangle.
     Clip(Rect),
     EndClip,
 }
@@ -109,12 +97,10 @@ pub(super) enum Shape {
 pub(super) enum Outline {
     /// In SVG path syntax, lines only.
     Path(String),
-    /// Centre and radius.
     Circle((f64, f64), f64),
     Rect(Rect),
 }
 
-/// A step of a path, in CSS pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Step {
     Move(f32, f32),
@@ -152,7 +138,6 @@ impl Outline {
     }
 }
 
-/// Commands, each with its numbers.
 fn commands_of(path: &str) -> impl Iterator<Item = (char, Vec<f32>)> + '_ {
     let starts = path.char_indices().filter(|(_, c)| c.is_ascii_alphabetic());
     starts.map(|(at, command)| {
@@ -163,12 +148,10 @@ fn commands_of(path: &str) -> impl Iterator<Item = (char, Vec<f32>)> + '_ {
     })
 }
 
-/// The style and the width of a line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Pen {
     /// Frames and rings: one pixel wide, with mitred corners.
     Fine,
-    /// With round corners.
     Round(f64),
     /// Five pixels drawn, three omitted.
     Dashed(f64),
@@ -185,7 +168,6 @@ impl Pen {
     }
 }
 
-/// A rectangle, from its upper left corner.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Rect {
     pub(super) left: f64,
@@ -203,7 +185,6 @@ impl Rect {
         self.top + self.height
     }
 
-    /// Its edge in path syntax.
     pub(super) fn path(&self) -> String {
         let [right, bottom, left] = [self.right(), self.bottom(), self.left].map(number);
         format!("M{}H{right}V{bottom}H{left}Z", point(self.left, self.top))
@@ -229,7 +210,6 @@ impl Anchor {
     }
 }
 
-/// The typesetting of a text.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Style {
     pub(super) size: f64,
@@ -242,25 +222,22 @@ pub(super) struct Style {
 impl Style {
     pub(super) const LABEL: Self =
         Self { size: 11.0, anchor: Anchor::Middle, bold: false, upright: false };
-    /// A label that begins, or ends, at its position.
     pub(super) const START: Self = Self { anchor: Anchor::Start, ..Self::LABEL };
     pub(super) const END: Self = Self { anchor: Anchor::End, ..Self::LABEL };
     pub(super) const TITLE: Self = Self { size: 13.0, bold: true, ..Self::LABEL };
 }
 
-/// The maximum width of a text, in pixels: the digits of the font are 0.636 em wide, and running text is
-/// narrower on average.
+/// The maximum width of a text, in pixels: the digits of the font are 0.636 em wide, and running
+/// text is narrower on average.
 pub(super) fn text_width(text: &str, size: f64) -> f64 {
     0.64 * size * text.chars().count() as f64
 }
 
 impl Figure {
-    /// An empty figure.
     pub(super) fn new(size: Size, width: f64, height: f64) -> Self {
         Self { size, width, height, shapes: Vec::new() }
     }
 
-    /// A figure with a title in its upper left corner.
     pub(super) fn titled(size: Size, width: f64, height: f64, title: &str) -> Self {
         let mut figure = Self::new(size, width, height);
         figure.title((16.0, 24.0), title);
@@ -271,7 +248,6 @@ impl Figure {
         self.shapes.push(Shape::Drawn { outline, colour, pen });
     }
 
-    /// Strokes a path in SVG path syntax.
     pub(super) fn stroke(&mut self, path: impl Into<String>, colour: Colour, pen: Pen) {
         self.draw(Outline::Path(path.into()), colour, Some(pen));
     }
@@ -304,12 +280,10 @@ impl Figure {
         self.explained_text(at, (text, None), style);
     }
 
-    /// The title of the picture, which begins at a position.
     pub(super) fn title(&mut self, at: (f64, f64), text: &str) {
         self.text(at, text, Style { anchor: Anchor::Start, ..Style::TITLE });
     }
 
-    /// Draws a text with a tooltip.
     pub(super) fn explained_text(
         &mut self,
         at: (f64, f64),
@@ -335,7 +309,6 @@ pub(super) fn number(value: f64) -> String {
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
-/// A point in path syntax.
 pub(super) fn point(x: f64, y: f64) -> String {
     format!("{} {}", number(x), number(y))
 }

@@ -1,38 +1,30 @@
-//! Curves with a legend beside the panels, or below them in a narrow figure: any series on one pair of axes,
-//! linear or logarithmic, and a body in a channel of beams (drag over position, and the number of touching
-//! beams below).
+//! Curves with a legend beside the panels, or below them in a narrow figure: any series on one pair
+//! of axes, and a body in a channel of beams (drag over position, touching beams below).
 
 use super::axes::{BOTTOM_MARGIN, LEFT_MARGIN, Panel, PlotAxis, ValueRange};
 use super::canvas::{Figure, Pen, Rect, Size, Style, polyline, text_width};
 use super::palette::{self, Colour};
 
-/// The marks for the points of a series.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ChartMark {
-    /// A line through the points, in order.
     Line,
     Points,
-    /// Points joined by a line.
     Both,
 }
 
-/// A set of points with a common label.
 #[derive(Clone, Debug)]
 pub struct Series {
     pub label: String,
-    /// (x, y) in the units of the axes. Points that are not finite, or not positive on a logarithmic axis,
-    /// are skipped.
+    /// (x, y) in the units of the axes. Points that cannot be drawn are skipped.
     pub points: Vec<(f64, f64)>,
     pub mark: ChartMark,
 }
 
-/// One pair of axes with any number of series and a legend.
 #[derive(Clone, Debug)]
 pub struct Chart {
     pub title: String,
     pub x: PlotAxis,
     pub y: PlotAxis,
-    /// The series, in drawing order.
     pub series: Vec<Series>,
 }
 
@@ -96,7 +88,6 @@ const DRAG_HEIGHT: f64 = 260.0;
 const CONTACTS_HEIGHT: f64 = 110.0;
 const GAP: f64 = 18.0;
 
-/// Draws drag over position, and contact counts below.
 pub fn channel_figure(size: Size, title: &str, curves: &[ChannelCurve]) -> Figure {
     let labels: Vec<&str> = curves.iter().map(|curve| curve.label.as_str()).collect();
     let legend = Legend::new(size, &labels);
@@ -141,10 +132,8 @@ const CURVE_WIDTH: f64 = 1.6;
 const TOP: f64 = 44.0;
 const KEY: f64 = 24.0;
 const PITCH: f64 = 19.0;
-/// Margin right of panels without a legend.
 const MARGIN: f64 = 16.0;
 
-/// The legend: labels and keys of the curves.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Legend<'a> {
     size: Size,
@@ -156,7 +145,6 @@ impl<'a> Legend<'a> {
         Self { size, labels }
     }
 
-    /// The width that it takes beside the panels.
     fn width(&self) -> f64 {
         if self.size.is_narrow() {
             return MARGIN;
@@ -166,7 +154,6 @@ impl<'a> Legend<'a> {
         KEY + 24.0 + labels.fold(0.0, f64::max)
     }
 
-    /// The uppermost panel, `usual` wide on a screen.
     pub(super) fn panel(&self, usual: f64, height: f64) -> Rect {
         let left = LEFT_MARGIN + 4.0;
         let width = match self.size {
@@ -176,7 +163,6 @@ impl<'a> Legend<'a> {
         Rect { left, top: TOP, width, height }
     }
 
-    /// A figure with a title above a column of panels, from the uppermost to the lowest.
     pub(super) fn figure(&self, title: &str, [upper, lowest]: [Rect; 2]) -> Figure {
         let (bottom, entries) = (below(lowest), PITCH * self.labels.len() as f64);
         let height = match self.size.is_narrow() {
@@ -188,7 +174,7 @@ impl<'a> Legend<'a> {
         figure
     }
 
-    /// Draws the labels; `draw` draws the key of the curve with this index from one point to another.
+    /// `draw` draws the key of the curve with this index from one point to another.
     pub(super) fn draw(
         &self,
         canvas: &mut Figure,
@@ -207,7 +193,6 @@ impl<'a> Legend<'a> {
     }
 }
 
-/// The end of the labels below the lowest panel.
 fn below(lowest: Rect) -> f64 {
     lowest.bottom() + BOTTOM_MARGIN + 6.0
 }

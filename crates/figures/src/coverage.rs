@@ -1,11 +1,10 @@
-//! The loads that a calibration was made from: forces against forces, moments against moments.
+//! Loads that a calibration was made from: forces against forces, moments against moments.
 
 use super::axes::{BOTTOM_MARGIN, LEFT_MARGIN, Panel, PlotAxis, ValueRange};
 use super::canvas::{Figure, Rect, Size, Style};
 use super::palette;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// The axes of each view, x first.
 const PAIRS: [[Axis; 2]; 4] =
     [[Axis::Fx, Axis::Fy], [Axis::Fx, Axis::Fz], [Axis::Mx, Axis::My], [Axis::Fz, Axis::Mz]];
 
@@ -14,8 +13,8 @@ const PITCH: f64 = 224.0;
 const TOP: f64 = 56.0;
 const POINT: f64 = 1.6;
 
-/// Draws the loads of training rows and, above them, of test rows, N and N·m: four views of the space of
-/// loads. Empty regions were never calibrated.
+/// Draws the loads of training rows and, above them, of test rows, N and N·m: four views of the
+/// space of loads. Empty regions were never calibrated.
 pub fn coverage_figure(train: &[PerAxis<f64>], test: &[PerAxis<f64>]) -> Figure {
     let height = TOP + SIDE + BOTTOM_MARGIN + 8.0;
     let mut canvas = Figure::new(Size::Screen, PITCH * PAIRS.len() as f64, height);

@@ -1,5 +1,5 @@
-//! A two-dimensional histogram drawn as coloured cells, with colour by the logarithm of the count. Data with
-//! few constant loads cover only a few spots; their mean and spread are drawn.
+//! A two-dimensional histogram as cells, coloured by the logarithm of the count. Data with few
+//! constant loads cover only a few spots, so their mean and spread are drawn.
 
 use super::axes::{Panel, log_label};
 use super::canvas::{Figure, Pen, Rect, Style, number, point};
@@ -9,7 +9,6 @@ use super::palette::{self, Colour};
 /// Number of steps of the colour scale: more than the eye can distinguish, but few enough paths.
 const LEVELS: usize = 48;
 
-/// A colour scale for counts from 1 to `most`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ColourScale {
     most: u64,
@@ -26,7 +25,6 @@ impl ColourScale {
         ((position * LEVELS as f64) as usize).min(LEVELS - 1)
     }
 
-    /// Draws the scale as a bar with its labels below.
     pub(super) fn draw_bar(self, canvas: &mut Figure, bar: Rect, quantity: &str) {
         let step = bar.width / LEVELS as f64;
         let middle = bar.top + bar.height / 2.0;
@@ -48,8 +46,8 @@ impl ColourScale {
     }
 }
 
-/// Number of doublings of a histogram's cells after which neighbours still touch: about twice as many cells
-/// along each axis as the square root of the number of points, and no smaller than a pixel.
+/// Doublings of cells after which neighbours still touch: about twice as many cells along each axis
+/// as the square root of the number of points, and no smaller than a pixel.
 pub(super) fn doublings<const X: usize, const Y: usize>(
     histogram: &Histogram2d<X, Y>,
     pixels: f64,
@@ -58,8 +56,8 @@ pub(super) fn doublings<const X: usize, const Y: usize>(
     (X as f64 / wanted).log2().floor().max(0.0) as u32
 }
 
-/// Draws the cells in the panel: one path per colour, and one stroke as wide as the height of a cell for each
-/// run of neighbours, which takes half the bytes of rectangles.
+/// Draws the cells in the panel: one path per colour, and one stroke as wide as the height of a
+/// cell for each run of neighbours, which takes half the bytes of rectangles.
 pub(super) fn draw_cells(
     canvas: &mut Figure,
     panel: &Panel,
@@ -97,18 +95,17 @@ fn level_colour(level: usize) -> Colour {
 pub(super) struct LoadPlateau {
     pub(super) measured: f64,
     pub(super) predicted: f64,
-    /// The standard deviation of the predictions.
     pub(super) sd: f64,
 }
 
-/// Limits on the number of loads: fewer are not a set of poses, and more cannot be distinguished on paper.
+/// Limits on the number of loads: fewer are not a set of poses, more cannot be distinguished.
 const FEW: usize = 4;
 const MANY: usize = 120;
 
-/// The maximum part of the range that plateaus may cover; above it, the load is a moving signal.
+/// Largest part of the range that poses cover; above it, the load is a moving signal.
 const COVERED: f64 = 0.4;
 
-/// The plateaus in a histogram, in ascending order of the measured value; none if the load moves.
+/// Poses, ascending by the measured value; none if the load moves.
 pub(super) fn plateaus(cells: &[HistogramCell]) -> Vec<LoadPlateau> {
     let mut cells: Vec<&HistogramCell> = cells.iter().collect();
     cells.sort_by(|a, b| a.x.low.total_cmp(&b.x.low));
@@ -152,7 +149,6 @@ fn plateau(run: &[&HistogramCell]) -> LoadPlateau {
     }
 }
 
-/// Draws a ring at each mean, and a bar of one standard deviation to either side.
 pub(super) fn draw_plateaus(
     canvas: &mut Figure,
     panel: &Panel,
@@ -172,8 +168,8 @@ mod tests {
     use super::super::histogram::Histogram2d;
     use super::*;
 
-    /// Loads of 0, 1, … N, each with this scatter of the reference, and predictions with a known bias and
-    /// spread.
+    /// Loads of 0, 1, … N, each with this scatter of the reference, and predictions with a known
+    /// bias and spread.
     fn cells(loads: u32, scatter: f64) -> Vec<HistogramCell> {
         let mut histogram = Histogram2d::<256, 256>::default();
         for load in 0..loads {

@@ -1,6 +1,5 @@
-//! The quality of a calibration's predictions: predicted against measured values, and residuals.
-//!
-//! The residual is predicted minus measured, so a positive residual is a prediction that is too high.
+//! Predictions of a calibration: predicted against measured values, and residuals (predicted minus
+//! measured).
 
 use super::axes::{BOTTOM_MARGIN, LEFT_MARGIN, Panel, PlotAxis, ValueRange, decimal};
 use super::canvas::{Figure, Pen, Rect, Size, Style, number, point};
@@ -10,8 +9,7 @@ use super::palette;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
 /// Predictions and measurements of any number of rows, reduced to the data of a figure (some 9 MB).
-///
-/// Ranges need not be known in advance, and parts may be merged in any order.
+/// Parts may be merged in any order.
 #[derive(Clone, Debug, Default)]
 pub struct FitPlot {
     axes: PerAxis<AxisPlot>,
@@ -19,18 +17,16 @@ pub struct FitPlot {
 
 #[derive(Clone, Debug, Default)]
 struct AxisPlot {
-    /// Predicted against measured.
     agreement: Histogram2d<256, 256>,
-    /// Residual against predicted. Bins are finer along the residual, as only part of it is shown if a few
-    /// rows are far out.
+    /// Residual against predicted. Bins are finer along the residual, as only part of it is shown
+    /// if a few rows are far out.
     residual: Histogram2d<128, 1024>,
     squares: f64,
 }
 
 impl FitPlot {
-    /// Adds a block of rows: six columns each, in the order of [`Axis::ALL`], N and N·m.
-    ///
-    /// Rows that are not finite are skipped for the axis concerned.
+    /// Adds a block of rows, N and N·m: six columns each, in the order of [`Axis::ALL`]. Skips rows
+    /// that are not finite for the axis concerned.
     ///
     /// # Panics
     /// If there are not six columns of one length.
@@ -64,7 +60,6 @@ impl AxisPlot {
         self.squares += finite.map(|residual| residual * residual).sum::<f64>();
     }
 
-    /// RMS residual, N or N·m.
     fn rms(&self) -> f64 {
         (self.squares / self.residual.points.max(1) as f64).sqrt()
     }
@@ -75,7 +70,6 @@ const WIDTH: f64 = 900.0;
 const TOP: f64 = 62.0;
 /// The width of a panel on a screen; the size of cells is chosen for it.
 const PLOT_WIDTH: f64 = 222.0;
-/// Margins beside a panel.
 const MARGINS: f64 = 78.0;
 const RESIDUAL_HEIGHT: f64 = 130.0;
 const PROFILE_WIDTH: f64 = 42.0;
@@ -83,11 +77,9 @@ const PROFILE_WIDTH: f64 = 42.0;
 /// The height of the two panels of an axis, without the side of the upper one.
 const BLOCK: f64 = 24.0 + BOTTOM_MARGIN + 14.0 + RESIDUAL_HEIGHT + BOTTOM_MARGIN + 14.0;
 
-/// Draws, for each of `axes`, predicted against measured, residual against predicted, and the distribution of
-/// the residuals.
-///
-/// With `test` rows, densities show the test rows, and the distribution of the training rows is outlined
-/// for comparison. Without them, everything shows the `train` rows.
+/// Draws, for each of `axes`, predicted against measured, residual against predicted, and the
+/// distribution of the residuals. Densities show the `test` rows, if any, with the distribution of
+/// the training rows as an outline; otherwise everything shows the `train` rows.
 pub fn fit_figure(
     size: Size,
     title: &str,
@@ -96,7 +88,6 @@ pub fn fit_figure(
     test: Option<&FitPlot>,
 ) -> Figure {
     let (width, columns) = (size.width(WIDTH), if size.is_narrow() { 2 } else { 3 });
-    // Width of a panel, and height of predicted against measured.
     let side = width / columns as f64 - MARGINS;
     let shown = test.unwrap_or(train);
     let bands = axes.count().div_ceil(columns).max(1) as f64;
@@ -144,17 +135,14 @@ pub fn fit_figure(
     canvas
 }
 
-/// The drawn data of an axis.
 struct AxisView {
     axis: Axis,
     agreement: Vec<HistogramCell>,
-    /// The common range of measured and predicted.
     agreement_range: ValueRange,
     plateaus: Vec<LoadPlateau>,
     residuals: Vec<HistogramCell>,
     predicted_range: ValueRange,
     residual_range: ValueRange,
-    /// Number of rows not shown.
     beyond: u64,
     /// The distribution of the residuals, and that of other data.
     profile: Vec<(ValueRange, u64)>,
@@ -162,8 +150,8 @@ struct AxisView {
 }
 
 impl AxisView {
-    /// Shows all residuals, unless a few rows far out would flatten all others. It then shows the middle 99.8
-    /// % and as much again on both sides, with the number of rows beyond.
+    /// Shows all residuals, unless a few rows far out would flatten all others. It then shows the
+    /// middle 99.8 % and as much again on both sides, with the number of rows beyond.
     fn new(axis: Axis, data: &AxisPlot, outlined: Option<&AxisPlot>) -> Self {
         let [measured, predicted] = data.agreement.ranges();
         let merge = doublings(&data.agreement, PLOT_WIDTH);
@@ -211,7 +199,6 @@ impl AxisView {
         draw_density(canvas, &panel, (&self.agreement, colours), means, identity);
     }
 
-    /// Draws residual against predicted, and at the side the distribution of the residuals.
     fn draw_residual(&self, canvas: &mut Figure, whole: Rect, colours: ColourScale) {
         let (name, unit) = (format!("predicted {}", self.axis.name()), self.axis.unit());
         let area = Rect { width: whole.width - PROFILE_WIDTH, ..whole };
@@ -238,7 +225,6 @@ impl AxisView {
     }
 }
 
-/// Draws cells, over them the means of plateaus with their standard deviations, and a reference line.
 fn draw_density(
     canvas: &mut Figure,
     panel: &Panel,
@@ -310,7 +296,6 @@ fn significant(value: f64) -> String {
 mod tests {
     use super::*;
 
-    /// A wave with a residual of known size, without a random source.
     fn rows(range: std::ops::Range<u32>) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
         let column = |axis: u32, error: f64| {
             let value = move |i: u32| {

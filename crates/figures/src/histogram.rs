@@ -1,21 +1,18 @@
 //! Histograms that find their own ranges: equal bins whose width doubles as the data spread.
 //!
-//! Bin `i` at exponent `k` covers `[i·2ᵏ, (i+1)·2ᵏ)`, so the bins of one exponent nest exactly in those of
-//! the next. The exponent is the smallest at which the range seen so far fits into the available bins: it
-//! depends on that range alone, not on the order of the data.
+//! Bin `i` at exponent `k` covers `[i·2ᵏ, (i+1)·2ᵏ)`, so bins nest exactly in those of the next
+//! exponent. The exponent is the smallest that fits the range seen so far, whatever the order of
+//! the data.
 
 use std::array;
 
 use super::axes::ValueRange;
 
-/// A window of bins over the real line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Bins {
     /// Bins are 2^exponent wide.
     pub(super) exponent: i32,
-    /// Index of the first bin of the window.
     pub(super) first: i64,
-    /// Number of bins in the window.
     pub(super) count: usize,
 }
 
@@ -43,8 +40,7 @@ impl Bins {
         }
     }
 
-    /// A window that contains a finite range: this one if possible, otherwise one with the same or wider
-    /// bins.
+    /// This window if it contains the range, otherwise one with the same or wider bins.
     fn widened(self, range: ValueRange) -> Self {
         match self.contains(range.low) && self.contains(range.high) {
             true => self,
@@ -52,7 +48,6 @@ impl Bins {
         }
     }
 
-    /// Returns true if a value lies in the window.
     fn contains(&self, value: f64) -> bool {
         let offset = floor_index(value, self.exponent) - self.first as f64;
         offset >= 0.0 && offset < self.count as f64
@@ -85,7 +80,6 @@ impl Bins {
     }
 }
 
-/// Equal cells in `N` dimensions, over all data so far.
 #[derive(Clone, Debug)]
 pub(super) struct Grid<C, const N: usize> {
     pub(super) bins: [Bins; N],
@@ -96,7 +90,6 @@ pub(super) struct Grid<C, const N: usize> {
 
 /// The summary of the points in a cell; the default is empty.
 pub(super) trait Cell: Clone + Default + PartialEq {
-    /// Adds the summary of later points.
     fn absorb(&mut self, later: &Self);
 }
 
@@ -150,12 +143,10 @@ fn floor_index(value: f64, exponent: i32) -> f64 {
     (value * 2f64.powi(-exponent)).floor()
 }
 
-/// Counts of points (x, y) in at most `X` by `Y` equal rectangular cells.
-///
-/// The number of cells is fixed, however many points are added. Cell widths are powers of two, and double
-/// when a point falls outside, which moves whole cells into whole cells. The counts are therefore exact for
-/// the final cells, and independent of the order of points, blocks and merges. At least half of the bins of
-/// each axis span the data.
+/// Counts of points (x, y) in at most `X` by `Y` equal cells. Cell widths are powers of two, and
+/// double when a point falls outside, which moves whole cells into whole cells: counts are exact,
+/// and independent of the order of points, blocks and merges. At least half of the bins of each
+/// axis span the data.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Histogram2d<const X: usize, const Y: usize> {
     grid: Option<Grid<u64, 2>>,
@@ -168,7 +159,6 @@ impl Cell for u64 {
     }
 }
 
-/// One nonempty cell: its edges and its count.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct HistogramCell {
     pub(super) x: ValueRange,

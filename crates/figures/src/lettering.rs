@@ -1,4 +1,4 @@
-//! Text as outlines, in a built-in font: the same picture on every machine.
+//! Text as outlines in a built-in font: the same picture on every machine.
 
 use std::sync::LazyLock;
 
@@ -16,12 +16,10 @@ fn font(asset: &[u8]) -> Face<'static> {
     Face::parse(crate::decompressed(asset).leak(), 0).expect("an asset is a font")
 }
 
-/// A built-in font.
 pub(super) fn face(bold: bool) -> &'static Face<'static> {
     if bold { &BOLD } else { &REGULAR }
 }
 
-/// The width of a text, in the units of its size.
 pub(super) fn width(text: &str, style: Style) -> f64 {
     let face = face(style.bold);
     let advance = |character| {
@@ -31,10 +29,8 @@ pub(super) fn width(text: &str, style: Style) -> f64 {
     text.chars().map(advance).sum::<f64>() * style.size / f64::from(face.units_per_em())
 }
 
-/// The outline of a text, and its position; `None` for a text without ink.
-///
-/// Letters are placed by their widths: the built-in fonts have no kerning. A missing character is drawn as
-/// the font's replacement glyph.
+/// The outline of a text, and its position; `None` for a text without ink. The built-in fonts have
+/// no kerning. A missing character becomes the font's replacement glyph.
 pub(super) fn outline(text: &str, at: (f64, f64), style: Style) -> Option<(Path, Transform)> {
     let face = face(style.bold);
     let mut outline = Outline { path: PathBuilder::new(), left: 0.0 };
@@ -56,7 +52,6 @@ pub(super) fn outline(text: &str, at: (f64, f64), style: Style) -> Option<(Path,
     Some((outline.path.finish()?, transform))
 }
 
-/// Consecutive glyphs, in units of the font.
 struct Outline {
     path: PathBuilder,
     left: f32,

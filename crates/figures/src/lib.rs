@@ -1,13 +1,11 @@
 //! Figures: from data to a finished picture, as SVG text, PDF or PNG bytes.
 //!
-//! Data are added block by block to accumulators of fixed size ([`FitPlot`], [`WrenchTrace`]), so a picture
-//! of ten million rows takes the memory and the file size of one of ten thousand. Accumulators find their own
-//! ranges, and their content does not depend on the division of rows into blocks or the order of merging. The
-//! drawing is deterministic to the byte.
+//! Data are added block by block to accumulators of fixed size ([`FitPlot`], [`WrenchTrace`]), so
+//! ten million rows take no more memory than ten thousand. Their content does not depend on the
+//! division into blocks or the order of merging. The drawing is deterministic to the byte.
 //!
-//! This crate draws only the figures of this program: it is not a general plotting library, and accesses no
-//! files. Text in the SVG stays text (DejaVu Sans if the viewer has it, otherwise another sans-serif); for
-//! PDF and PNG the font is built in.
+//! This crate draws only the figures of this program and accesses no files. Text in the SVG stays
+//! text (DejaVu Sans or another sans-serif); PDF and PNG have the font built in.
 
 mod axes;
 mod canvas;
@@ -48,12 +46,10 @@ pub enum Format {
     Png,
 }
 
-/// A picture that cannot be rendered as requested.
 #[derive(Debug, thiserror::Error)]
 pub enum PlotError {
     #[error("cannot tell the picture format of `{}`: expected `.svg`, `.pdf` or `.png`", .0.display())]
     UnknownFormat(PathBuf),
-    /// The renderer refused the picture; the field is the reason.
     #[error("cannot render the picture: {0}")]
     Render(String),
 }

@@ -1,5 +1,4 @@
-//! The match of two recordings: the search over all offsets, and readings with the predictions from the
-//! aligned reference.
+//! Match of two recordings: the search over all offsets, and readings with their predictions.
 
 use super::axes::{BOTTOM_MARGIN, Panel, PlotAxis, ValueRange, wide_area};
 use super::canvas::{Figure, Pen, Size, Style, polyline};
@@ -10,7 +9,7 @@ const WIDTH: f64 = 860.0;
 const TOP: f64 = 44.0;
 const HEIGHT: f64 = 200.0;
 const PITCH: f64 = HEIGHT + BOTTOM_MARGIN + 36.0;
-/// Number of points drawn of the search: the highest of each of this number of stretches, two per pixel.
+/// Points drawn of the search, two per pixel: each is the highest of a part.
 const SEARCH_POINTS: usize = 1600;
 
 /// Draws the search (score over offset, with a maximum of 1) above an excerpt of the match.
@@ -43,7 +42,6 @@ pub fn match_figure(size: Size, title: &str, quality: &Quality) -> Figure {
     canvas
 }
 
-/// Draws points, and over them a line in the colour with this number.
 fn draw(
     canvas: &mut Figure,
     panel: &Panel,
@@ -59,7 +57,7 @@ fn draw(
     });
 }
 
-/// The highest point of each of `stretches` stretches, so that no peak is lost.
+/// The highest point of each of `stretches` parts, so that no peak is lost.
 fn highest(points: &[(f64, f64)], stretches: usize) -> Vec<(f64, f64)> {
     let length = points.len().div_ceil(stretches).max(1);
     let best = |stretch: &[(f64, f64)]| {

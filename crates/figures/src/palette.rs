@@ -10,14 +10,13 @@ impl Colour {
         rgb
     }
 
-    /// As `#rrggbb`.
     pub(super) fn hex(self) -> String {
         format!("#{:06x}", self.0)
     }
 }
 
-/// Lines and points, in the order of use: the palette of Okabe and Ito ("Color Universal Design", 2008),
-/// without its yellow, which is too pale on white.
+/// Lines and points, in the order of use: the palette of Okabe and Ito ("Color Universal Design",
+/// 2008), without its yellow, which is too pale on white.
 const SERIES: [u32; 7] = [0x0072b2, 0xd55e00, 0x009e73, 0xcc79a7, 0xe69f00, 0x56b4e9, 0x000000];
 
 /// The colour of a series by its number; colours repeat after the last.
@@ -25,17 +24,13 @@ pub(super) const fn series(number: usize) -> Colour {
     Colour(SERIES[number % SERIES.len()])
 }
 
-/// Text and frames.
 pub(super) const INK: Colour = Colour(0x222222);
 pub(super) const GRID: Colour = Colour(0xe4e4e4);
-/// The zero line under a trace.
 pub(super) const ZERO: Colour = Colour(0x999999);
 /// Background of the time that the robot is partly in a channel.
 pub(super) const PARTLY_INSIDE: Colour = Colour(0xe6e6e6);
-/// Background of the time that the robot is wholly in a channel: in grey print between the other background
-/// and white.
+/// Time that it is wholly in: in grey print between the other background and white.
 pub(super) const INSIDE: Colour = Colour(0xfbe9ea);
-/// Spread about a mean.
 pub(super) const SPREAD: Colour = Colour(0xc9dcea);
 /// Reference lines over densities: identity, zero residual.
 pub(super) const REFERENCE: Colour = Colour(0xd55e00);
@@ -46,8 +41,7 @@ const VIRIDIS: [u32; 10] = [
     0xfde725,
 ];
 
-/// The colour at `t` in 0..=1 of a sequential scale, from dark (single points must be visible on white) to
-/// light.
+/// Sequential scale over 0..=1, from dark (single points must be visible on white) to light.
 pub(super) fn sequential(t: f64) -> Colour {
     let position = t.clamp(0.0, 1.0) * (VIRIDIS.len() - 1) as f64;
     let index = (position as usize).min(VIRIDIS.len() - 2);

@@ -1,9 +1,7 @@
-//! Drawings as PDF (ISO 32000): one page of the size of the picture, with lines as lines and letters in an
-//! embedded font.
+//! Drawings as PDF (ISO 32000): one page of the picture's size, with letters in an embedded font.
 //!
-//! Coordinates equal those of the canvas: a transformation of the page turns its y axis down and converts CSS
-//! pixels to points. Text is written as glyph numbers, with a table of the characters that they represent, so
-//! it can be searched and copied.
+//! A transformation of the page converts the canvas's coordinates: y up, points. Text is glyph
+//! numbers with a table of their characters, so it can be searched and copied.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -20,8 +18,8 @@ use super::palette::{Colour, INK};
 /// Points per CSS pixel: 72 and 96 per inch.
 const POINTS: f64 = 0.75;
 
-/// Distance of the handles of a Bézier curve from its ends, for a quarter of a circle of radius 1: 4/3·(√2 −
-/// 1).
+/// Distance of the handles of a Bézier curve from its ends, for a quarter of a circle of radius 1:
+/// 4/3·(√2 − 1).
 const QUARTER: f64 = 0.552_284_75;
 
 /// The names of the fonts on the page, regular and bold.
@@ -56,7 +54,6 @@ pub(super) fn pdf(figure: &Figure) -> Vec<u8> {
     file.finish(catalog)
 }
 
-/// The content of the page, and the glyphs used of each font with their characters.
 struct PdfPage {
     content: String,
     glyphs: [BTreeMap<u16, char>; 2],
@@ -153,12 +150,10 @@ impl PdfPage {
     }
 }
 
-/// A colour as three numbers from 0 to 1.
 fn rgb(colour: Colour) -> String {
     colour.rgb().map(|part| number(f64::from(part) / 255.0)).join(" ")
 }
 
-/// Embeds a font; returns the number of its object.
 fn embed(file: &mut PdfFile, face: &Face<'_>, used: &BTreeMap<u16, char>, bold: bool) -> usize {
     let name = if bold { "DejaVuSans-Bold" } else { "DejaVuSans" };
     let em = f64::from(face.units_per_em());
@@ -192,7 +187,6 @@ fn embed(file: &mut PdfFile, face: &Face<'_>, used: &BTreeMap<u16, char>, bold: 
     ))
 }
 
-/// The table of the characters that glyphs represent.
 fn meaning(used: &BTreeMap<u16, char>) -> String {
     let mut table = String::from(
         "/CIDInit /ProcSet findresource begin\n12 dict begin\nbegincmap\n/CIDSystemInfo << /Registry \
@@ -214,7 +208,6 @@ fn meaning(used: &BTreeMap<u16, char>) -> String {
     table + "endcmap\nCMapName currentdict /CMap defineresource pop\nend\nend\n"
 }
 
-/// The file under construction: numbered objects, with the start of each.
 struct PdfFile {
     bytes: Vec<u8>,
     objects: Vec<usize>,
@@ -239,7 +232,6 @@ impl PdfFile {
         self.add([head.as_bytes(), &packed, b"\nendstream"].concat())
     }
 
-    /// Adds the table of the objects, and the start of the document.
     fn finish(mut self, catalog: usize) -> Vec<u8> {
         let (start, count) = (self.bytes.len(), self.objects.len() + 1);
         let mut table = format!("xref\n0 {count}\n0000000000 65535 f \n");
@@ -285,7 +277,6 @@ mod tests {
         rows.enumerate().map(object).collect()
     }
 
-    /// The decompressed content of an object.
     fn unpacked(object: &[u8]) -> Option<Vec<u8>> {
         let start = find(object, b"stream\n")? + 7;
         let mut content = Vec::new();

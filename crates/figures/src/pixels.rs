@@ -27,7 +27,6 @@ pub(super) fn png(figure: &Figure) -> Result<Vec<u8>, String> {
 struct Painter {
     pixels: Pixmap,
     clip: Option<Mask>,
-    /// From units of the drawing to pixels.
     whole: Transform,
 }
 

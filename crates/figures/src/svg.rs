@@ -7,7 +7,6 @@ use super::palette;
 use shell_data::escape;
 
 impl Figure {
-    /// The picture as an SVG document, on white.
     pub fn svg(&self) -> String {
         let [width, height] = [self.width, self.height].map(number);
         let [wide, high] = match self.size.width_mm() {
@@ -43,7 +42,6 @@ impl Figure {
     }
 }
 
-/// The name of an element, and the attributes of its position.
 fn geometry(outline: &Outline) -> String {
     match outline {
         Outline::Path(path) => format!(r#"path d="{path}""#),

@@ -1,6 +1,6 @@
-//! A wrench over time, for logs of any length. Per sliver of time the first, lowest, highest and last value
-//! are kept, which draw the same line as all the values (Jugel et al., "M4: A Visualization-Oriented Time
-//! Series Data Aggregation", VLDB 2014).
+//! A wrench over time, for logs of any length. Each sliver of time keeps its first, lowest, highest
+//! and last value, which draw the same line as all values (Jugel et al., "M4: A
+//! Visualization-Oriented Time Series Data Aggregation", VLDB 2014).
 
 use super::axes::{BOTTOM_MARGIN, Panel, PlotAxis, ValueRange, wide_area};
 use super::canvas::{Figure, Pen, Size, point};
@@ -11,7 +11,6 @@ use shell_data::wrench::{Axis, PerAxis};
 /// Number of slivers of time: at least half of them, more than there are pixels, cover the log.
 const SLIVERS: usize = 2048;
 
-/// A wrench over time, reduced to the data of a figure.
 #[derive(Clone, Debug, Default)]
 pub struct WrenchTrace {
     axes: PerAxis<TraceCurve>,
@@ -32,8 +31,8 @@ struct Sliver {
 }
 
 impl WrenchTrace {
-    /// Adds a block of rows: time in s, six columns of wrench in the order of [`Axis::ALL`], N and N·m. A
-    /// column may be empty: its axis is then not drawn. Rows that are not finite are skipped.
+    /// Adds a block of rows: time in s, six columns of wrench in the order of [`Axis::ALL`], N and
+    /// N·m. An axis with an empty column is not drawn. Skips rows that are not finite.
     ///
     /// # Panics
     /// If there are not six columns, each empty or as long as `time_s`.
@@ -86,7 +85,6 @@ impl Cell for Option<Sliver> {
 }
 
 impl Sliver {
-    /// The points in order of time, each once.
     fn points(&self) -> Vec<(f64, f64)> {
         let mut points = vec![self.first, self.lowest, self.highest, self.last];
         if self.highest.0 < self.lowest.0 {
@@ -102,7 +100,6 @@ const TOP: f64 = 40.0;
 const PANEL_HEIGHT: f64 = 106.0;
 const PANEL_PITCH: f64 = 118.0;
 
-/// Draws the axes of a wrench over time, one panel each, over a common time axis.
 pub fn trace_figure(size: Size, title: &str, trace: &WrenchTrace) -> Figure {
     let curves = Axis::ALL.into_iter().zip(&trace.axes);
     let shown: Vec<_> =
@@ -125,8 +122,7 @@ pub fn trace_figure(size: Size, title: &str, trace: &WrenchTrace) -> Figure {
     canvas
 }
 
-/// The range of the values, including zero unless it is far from all of them: the tare level belongs in the
-/// picture.
+/// Range of the values, with zero (the tare level) unless it is far from all of them.
 fn shown_range(curve: &TraceCurve) -> ValueRange {
     let range = ValueRange::over(curve.points().map(|(_, value)| value));
     let with_zero = range.including(0.0);
@@ -134,7 +130,6 @@ fn shown_range(curve: &TraceCurve) -> ValueRange {
     if is_near { with_zero } else { range }
 }
 
-/// Draws curves in a panel over its zero line.
 pub(super) fn draw_curves(
     canvas: &mut Figure,
     panel: &Panel,
@@ -148,7 +143,6 @@ pub(super) fn draw_curves(
     });
 }
 
-/// The line through the points, without repeated points.
 fn path(panel: &Panel, curve: &TraceCurve) -> String {
     let mut path = String::new();
     let mut before = String::new();

@@ -1,14 +1,12 @@
-//! The clock of the low-pass: the period of its grid, and the slot of each row.
+//! Clock of the low-pass: the period of its grid, and the slot of each row.
 
 use super::RowRule;
 
 /// Number of rows at the start of a log that determine the period of the grid.
 pub(crate) const CLOCK_ROWS: usize = 50;
 
-/// The start and the rate of a log's grid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Clock {
-    /// Time of slot 0, which is the log's first row, s.
     pub first_s: f64,
     /// Slots per second: one over the usual period between rows, Hz.
     pub rate_hz: f64,
@@ -24,7 +22,6 @@ impl Clock {
     }
 }
 
-/// The search for the clock in the first rows of a log.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ClockSearch {
     first_s: Option<f64>,
@@ -34,8 +31,8 @@ pub struct ClockSearch {
 }
 
 impl ClockSearch {
-    /// Takes the times of the next rows, s. Rows after the first `CLOCK_ROWS` are ignored once a period is
-    /// known.
+    /// Takes the times of the next rows, s. Rows after the first `CLOCK_ROWS` are ignored once a
+    /// period is known.
     pub fn look_at(&mut self, times_s: &[f64]) {
         for &time in times_s {
             if self.is_done() {
@@ -51,8 +48,6 @@ impl ClockSearch {
         }
     }
 
-    /// Returns true if the clock is known: after `CLOCK_ROWS` rows, or at the first later row whose time
-    /// advances.
     pub fn is_done(&self) -> bool {
         self.rows >= CLOCK_ROWS && !self.periods_s.is_empty()
     }
@@ -74,7 +69,6 @@ impl ClockSearch {
 /// The largest slot: later ones are clamped, as no valid time is that late.
 const LAST_SLOT: u64 = 1 << 60;
 
-/// Assigns slots to the rows of a log, which are given in order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Grid {
     clock: Clock,
@@ -89,8 +83,8 @@ impl Grid {
         Self { clock, rule, next_row: 0, last_slot: 0 }
     }
 
-    /// The slots of the next rows. A row that is earlier than a previous one, such as a radio frame that
-    /// arrived out of order, shares the slot of that one.
+    /// The slots of the next rows. A row that is earlier than a previous one, such as a radio frame
+    /// that arrived out of order, shares the slot of that one.
     pub fn slots(&mut self, times_s: &[f64]) -> Vec<u64> {
         let slot = |&time: &f64| {
             let slot = match self.rule {

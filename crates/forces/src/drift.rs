@@ -1,12 +1,12 @@
-//! The drift of an unloaded sensor's zero: its trend against time and temperature, and its wander.
+//! Drift of an unloaded sensor's zero: its trend against time and temperature, and its wander.
 //!
-//! Each [stationary interval](crate::stationary) contributes one observation, its mean; the scatter of its
-//! frames does not tell how well a trend fits. The standard error of a slope is the least-squares one from
-//! the scatter of the intervals about the line, times `√((1 + ρ)/(1 − ρ))`. Here ρ is the correlation of
-//! neighbouring residuals, plus `(2 + 4ρ)/n` to compensate for the fit of the line. For independent intervals
-//! the slope lies within two standard errors of the true slope in 95 % of cases. For a random walk over 60
-//! intervals it lies within three standard errors of zero in three of four cases; with the plain
-//! least-squares error, in one of four.
+//! Each [stationary interval](crate::stationary) contributes one observation, its mean. The
+//! standard error of a slope is the least-squares one from the scatter of the intervals about the
+//! line, times `√((1 + ρ)/(1 − ρ))`, where ρ is the correlation of neighbouring residuals plus
+//! `(2 + 4ρ)/n` to compensate for the fit of the line. For independent intervals the slope is
+//! within two standard errors in 95 % of cases. For a random walk over 60 intervals it is within
+//! three standard errors of zero in three of four cases; with the plain least-squares error, in one
+//! of four.
 
 use crate::stationary::{QuietLevel, ZeroChange};
 use shell_data::statistics::RunningVariance;
@@ -17,34 +17,27 @@ pub const FEWEST_RESTS: usize = 3;
 /// The upper limit of the neighbour correlation ρ.
 const MOST_CORRELATED: f64 = 0.95;
 
-/// A straight line through the zeros of the stationary intervals, in units of the quantity and of the
-/// regressor.
+/// A line through the zeros, in units of the quantity and of the regressor.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Trend {
-    /// Change per unit of the regressor.
     pub slope: f64,
     pub standard_error: f64,
-    /// RMS of the zeros about the line.
     pub residual_rms: f64,
 }
 
-/// The drift of the zero of one quantity, in the unit of that quantity.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Drift {
-    /// The change from the first stationary interval to the last.
     #[serde(flatten)]
     pub change: ZeroChange,
-    /// Standard deviation of the zeros of the stationary intervals, with the contribution of the noise within
-    /// them removed.
+    /// Standard deviation of the zeros, without the noise within intervals.
     pub wander: f64,
     pub per_s: Trend,
-    /// The trend against temperature, per unit of its column; `None` if temperature is unknown or constant.
+    /// Against temperature, per unit of its column; `None` if unknown or constant.
     pub per_degree: Option<Trend>,
 }
 
 impl Trend {
-    /// Fits a line to the values `y` at `x`, in order. Returns `None` for fewer than [`FEWEST_RESTS`] values
-    /// or a constant `x`.
+    /// Fits values `y` at `x`, in order; `None` for fewer than [`FEWEST_RESTS`] or a constant `x`.
     pub fn fit(x: &[f64], y: &[f64]) -> Option<Self> {
         let (xs, ys) = (RunningVariance::new(x), RunningVariance::new(y));
         if x.len() < FEWEST_RESTS || xs.squares <= 0.0 || !xs.squares.is_finite() {
@@ -68,8 +61,9 @@ impl Trend {
 }
 
 impl Drift {
-    /// The drift of one of `quantities` from its levels in the stationary intervals, with the middle of each,
-    /// s, and its temperature, `None` if unknown. Returns `None` for fewer than [`FEWEST_RESTS`] intervals.
+    /// The drift of one of `quantities` from its levels in the stationary intervals, with the
+    /// middle of each, s, and its temperature, `None` if unknown. Returns `None` for fewer than
+    /// [`FEWEST_RESTS`] intervals.
     pub fn fit(
         levels: &[QuietLevel],
         times_s: &[f64],
@@ -99,8 +93,8 @@ mod tests {
 
     #[test]
     fn a_line_equals_that_of_least_squares() {
-        // Slope 1.0135135 and standard error 0.0468122 are numpy's, as printed. The residuals alternate (ρ =
-        // −0.774), so ρ adds nothing.
+        // Slope 1.0135135 and standard error 0.0468122 are numpy's, as printed. The residuals
+        // alternate (ρ = −0.774), so ρ adds nothing.
         let found = Trend::fit(&[0.0, 1.0, 2.0, 3.0, 5.0], &[1.0, 1.9, 3.2, 3.8, 6.1]).unwrap();
         assert!((found.slope - 1.013_513_5).abs() < 1e-7, "{found:?}");
         assert!((found.standard_error - 0.046_812_2).abs() < 1e-7, "{found:?}");
@@ -110,8 +104,8 @@ mod tests {
 
     #[test]
     fn a_random_walk_has_no_significant_trend() {
-        // 400 walks of 60 steps of ±1. numpy on 3000 walks gives 77 %, and 25 % with the plain least-squares
-        // error; a share of 400 has a standard deviation of 2 %.
+        // 400 walks of 60 steps of ±1. numpy on 3000 walks gives 77 %, and 25 % with the plain
+        // least-squares error; a share of 400 has a standard deviation of 2 %.
         let mut state = 1_u64;
         let mut sign = || {
             state = state

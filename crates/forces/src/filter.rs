@@ -1,35 +1,30 @@
 //! Low-pass filtering of evenly sampled signals.
 //!
-//! [`Butterworth`] is the design. [`Filter`] runs it forward over a stream in constant memory (causal, with a
-//! delay). [`Butterworth::zero_phase`] runs it forward and backward over a whole signal (no delay, twice the
-//! attenuation in dB).
+//! [`Butterworth`] is the design. [`Filter`] runs it forward over a stream in constant memory
+//! (causal, with a delay). [`Butterworth::zero_phase`] runs it forward and backward over a whole
+//! signal (no delay, twice the attenuation in dB).
 //!
-//! The transfer functions equal `scipy.signal.butter`: the analogue prototype under the bilinear transform,
-//! with a prewarped cutoff. They are realised as trapezoidal state-variable sections rather than as
-//! direct-form biquads. A biquad with a low cutoff has coefficients near −2 and 1, and its response depends
-//! on their small difference: at a cutoff of 10⁻⁴ of the sampling rate it has lost six digits. The
-//! state-variable form keeps these digits, has a gain of exactly one at zero frequency, and its state is the
-//! signal itself.
+//! The transfer functions equal `scipy.signal.butter`: the analogue prototype under the bilinear
+//! transform, with a prewarped cutoff. A direct-form biquad with a low cutoff depends on small
+//! differences of coefficients near −2 and 1: at 10⁻⁴ of the sampling rate it has lost six digits.
+//! Trapezoidal state-variable sections keep these digits, have a gain of exactly one at zero
+//! frequency, and their state is the signal itself.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use shell_data::hint::Hint;
 
-/// A filter that cannot be designed or applied as requested.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FilterError {
-    /// An order of zero or above the limit.
     #[error("filter order `{}` is not between 1 and {}", .0, Butterworth::LARGEST_ORDER)]
     Order(usize),
-    /// A sampling rate that is not a positive number.
     #[error("sampling rate `{0}` Hz is not a positive number")]
     Rate(f64),
-    /// A cutoff outside 0 to half the sampling rate.
     #[error(
         "cutoff `{cutoff_hz}` Hz is not between 0 and half the sampling rate, `{nyquist_hz}` Hz"
     )]
     Cutoff { cutoff_hz: f64, nyquist_hz: f64 },
-    /// A cutoff so low that the filter's memory would exceed the limit; `least_hz` is the lowest allowed.
+    /// The filter's memory would exceed the limit; `least_hz` is the lowest allowed.
     #[error(
         "cutoff `{cutoff_hz}` Hz is too low for {} samples per second: at least `{}` Hz",
         *rate_hz as f32, *least_hz as f32
@@ -60,14 +55,12 @@ pub struct Butterworth {
     order: usize,
     /// The frequency of attenuation to 1/√2, Hz.
     cutoff_hz: f64,
-    /// The sampling rate of the design, Hz.
     rate_hz: f64,
     sections: Vec<FilterSection>,
 }
 
-/// A section of the filter with one real pole or one pair of complex poles.
-///
-/// `g = tan(π·cutoff/rate)` is the prewarped cutoff, `k = 1/Q` the damping.
+/// One real pole or one pair of complex poles; `g = tan(π·cutoff/rate)` is the prewarped cutoff,
+/// `k = 1/Q` the damping.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum FilterSection {
     /// `g / (s + g)` under the bilinear transform `s = (z − 1)/(z + 1)`.
@@ -82,13 +75,13 @@ impl Butterworth {
     /// The lowest cutoff, as a share of the rate. An output there depends on some million samples.
     pub(crate) const LOWEST: f64 = 2e-5;
 
-    /// Designs a low-pass with `order` poles and its −3.01 dB point at `cutoff_hz`, for a signal sampled
-    /// `rate_hz` times a second. The filter equals `scipy.signal.butter(order, cutoff, fs=rate)`.
+    /// Designs a low-pass with `order` poles and its −3.01 dB point at `cutoff_hz`, as
+    /// `scipy.signal.butter(order, cutoff, fs=rate)`.
     ///
     /// # Errors
     /// [`FilterError::Order`] outside 1..=16, [`FilterError::Rate`] unless positive and finite,
-    /// [`FilterError::Cutoff`] unless between 0 and half the rate, both excluded; [`FilterError::TooSlow`]
-    /// below `LOWEST` times the rate.
+    /// [`FilterError::Cutoff`] unless between 0 and half the rate, both excluded;
+    /// [`FilterError::TooSlow`] below `LOWEST` times the rate.
     pub fn low_pass(order: usize, cutoff_hz: f64, rate_hz: f64) -> Result<Self, FilterError> {
         if !(1..=Self::LARGEST_ORDER).contains(&order) {
             return Err(FilterError::Order(order));
@@ -105,8 +98,9 @@ impl Butterworth {
             return Err(FilterError::TooSlow { cutoff_hz, rate_hz, least_hz });
         }
         let g = (PI * (cutoff_hz / rate_hz)).tan();
-        // The poles lie evenly on a half circle; a pair at the angle θ from the imaginary axis has the
-        // damping 2·sin θ. The best damped pairs come first, so no section rings at full amplitude.
+        // The poles lie evenly on a half circle; a pair at the angle θ from the imaginary axis has
+        // the damping 2·sin θ. The best damped pairs come first, so no section rings at full
+        // amplitude.
         let real = (order % 2 == 1).then_some(FilterSection::Real { g });
         let pairs = (0..order / 2).rev().map(|pair| {
             let angle = PI * (2 * pair + 1) as f64 / (2 * order) as f64;
@@ -116,19 +110,17 @@ impl Butterworth {
         Ok(Self { order, cutoff_hz, rate_hz, sections })
     }
 
-    /// The number of samples after which the filter has forgotten its past, to within `tolerance`.
-    ///
-    /// Take two signals that are equal from some sample on and differ by at most one before it. Their outputs
-    /// differ by at most `tolerance` from that number of samples later on: the tail sum of `|h|` of the
-    /// impulse response h is no larger.
+    /// Number of samples after which the filter has forgotten its past: outputs of two signals that
+    /// differed by at most one before them differ by at most `tolerance`. The tail sum of `|h|` of
+    /// the impulse response h is no larger.
     ///
     /// # Panics
     /// If `tolerance` is not between 0 and 1.
     pub fn memory(&self, tolerance: f64) -> usize {
         assert!(0.0 < tolerance && tolerance < 1.0, "a tolerance between 0 and 1");
-        // The slowest poles, at the angle θ = π/(2·order) from the imaginary axis, decay by a factor e in
-        // 1/(2π·cutoff·sin θ). Near half the rate the bilinear transform makes them faster or slower, which
-        // the loop accounts for.
+        // The slowest poles, at the angle θ = π/(2·order) from the imaginary axis, decay by a
+        // factor e in 1/(2π·cutoff·sin θ). Near half the rate the bilinear transform makes them
+        // faster or slower, which the loop accounts for.
         let angle = FRAC_PI_2 / self.order as f64;
         let rate = TAU * self.cutoff_hz / self.rate_hz * angle.sin();
         let piece = (4.0 / rate).ceil() as usize;
@@ -159,12 +151,10 @@ impl Butterworth {
         3 * (self.order + 1)
     }
 
-    /// Filters a whole signal forward, then backward: no delay, and twice the filter's attenuation (−6.02 dB
-    /// at the cutoff).
-    ///
-    /// The signal is continued at both ends by its reflection through the end point, over three times the
-    /// order plus three samples. Each pass starts settled at the first value it sees.
-    /// `scipy.signal.sosfiltfilt` does the same by default.
+    /// Filters a whole signal forward, then backward: no delay, and twice the attenuation (−6.02 dB
+    /// at the cutoff). The signal is continued at both ends by its reflection through the end
+    /// point, over three times the order plus three samples; each pass starts settled at its first
+    /// value, as in `scipy.signal.sosfiltfilt`.
     ///
     /// # Errors
     /// [`FilterError::TooFewSamples`] unless the signal is longer than that continuation.
@@ -187,10 +177,9 @@ impl Butterworth {
     }
 }
 
-/// A causal low-pass with its state, fed with a signal in pieces of any size.
-///
-/// It starts at rest at zero, as `scipy.signal.lfilter` does. This suits a signal that starts near zero, such
-/// as a tared one; use [`settled`](Self::settled) to start elsewhere.
+/// A causal low-pass with its state, fed with a signal in pieces of any size. It starts at zero, as
+/// `scipy.signal.lfilter` does, which suits a tared signal; [`settled`](Self::settled) starts
+/// elsewhere.
 #[derive(Clone, Debug)]
 pub struct Filter {
     sections: Vec<(FilterSection, FilterState)>,
@@ -204,13 +193,13 @@ struct FilterState {
 }
 
 impl Filter {
-    /// Creates a filter at rest at zero.
+    /// Creates a filter that starts at zero.
     pub fn new(design: &Butterworth) -> Self {
         Self::settled(design, 0.0)
     }
 
-    /// Creates a filter in the state after an endless constant `value`, as `sosfilt_zi` does: further samples
-    /// of `value` give exactly `value`.
+    /// Creates a filter in the state after an endless constant `value`, as `sosfilt_zi` does:
+    /// further samples of `value` give exactly `value`.
     pub fn settled(design: &Butterworth, value: f64) -> Self {
         let state = FilterState { band: 0.0, low: value };
         Self { sections: design.sections.iter().map(|&section| (section, state)).collect() }
@@ -225,14 +214,12 @@ impl Filter {
         })
     }
 
-    /// Replaces the next samples of the signal by the filter's output.
-    ///
-    /// The output does not depend on how the signal is cut into pieces. A sample that is not finite spoils
-    /// all later outputs.
+    /// Replaces the next samples by the filter's output, whatever the pieces. A sample that is not
+    /// finite spoils all later outputs.
     ///
     /// Each section is integrated by the trapezoidal rule, implicitly, in closed form: A. Simper,
-    /// "Linear Trapezoidal Integrated State Variable Filter" (Cytomic, 2013); V. Zavalishin, "The Art
-    /// of VA Filter Design" (2018), §3.10 and §4.
+    /// "Linear Trapezoidal Integrated State Variable Filter" (Cytomic, 2013); V. Zavalishin, "The
+    /// Art of VA Filter Design" (2018), §3.10 and §4.
     pub fn process(&mut self, samples: &mut [f64]) {
         for (section, state) in &mut self.sections {
             state.process(section, samples);
@@ -284,9 +271,8 @@ mod tests {
     }
 
     impl FilterSection {
-        /// The section as a biquad `[b0, b1, b2, 1, a1, a2]`, as other tools use. The poles equal
-        /// `scipy.signal.butter(…, output="sos")`. Each section has gain 1 at zero frequency, where SciPy
-        /// puts the whole gain in the first.
+        /// `[b0, b1, b2, 1, a1, a2]`, with the poles of `scipy.signal.butter(…, output="sos")`.
+        /// Each section has gain 1 at zero frequency; SciPy puts the whole gain in the first.
         fn biquad(&self) -> [f64; 6] {
             match *self {
                 FilterSection::Real { g } => {
@@ -410,7 +396,7 @@ mod tests {
         Butterworth::low_pass(order, cutoff, 1000.0).unwrap()
     }
 
-    /// Expected: `scipy.signal.sosfiltfilt` of SciPy 1.17.1 on [`test_signal`], at samples 0, 1, 50 and 199.
+    /// `scipy.signal.sosfiltfilt` of SciPy 1.17.1 on [`test_signal`], at samples 0, 1, 50 and 199.
     #[test]
     fn zero_phase_output_equals_scipy() {
         let cases = [
@@ -496,8 +482,8 @@ mod tests {
         let bump = |i: i32| 1.0 / (1.0 + f64::from(i * i) / 400.0);
         let mut signal: Vec<f64> = (-500..=500).map(bump).collect();
         design(4, 50.0).zero_phase(&mut signal).unwrap();
-        // The two ends process the continuation in different order. The slowest pole of this filter decays by
-        // 0.89 a sample, and to 1e-20 at 400 samples from the end.
+        // The two ends process the continuation in different order. The slowest pole of this filter
+        // decays by 0.89 a sample, and to 1e-20 at 400 samples from the end.
         for i in 400..500 {
             assert!((signal[i] - signal[1000 - i]).abs() < 1e-9);
         }
@@ -525,8 +511,8 @@ mod tests {
         signal
     }
 
-    /// Expected: `scipy.signal.sosfilt` of SciPy 1.17.1 on [`test_signal`], at samples 0, 1, 50 and 199: from
-    /// zero, and from `sosfilt_zi(sos) * x[0]`.
+    /// Expected: `scipy.signal.sosfilt` of SciPy 1.17.1 on [`test_signal`], at samples 0, 1, 50 and
+    /// 199: from zero, and from `sosfilt_zi(sos) * x[0]`.
     #[test]
     fn causal_output_equals_scipy() {
         let cases = [
@@ -604,7 +590,8 @@ mod tests {
                     let frequency = share * cutoff;
                     let expected = analytic(order, cutoff, frequency);
                     let found = gain(order as usize, cutoff, frequency, length);
-                    // Thousands of terms sum to one; the rounding error grows with the root of their number.
+                    // Thousands of terms sum to one; the rounding error grows with the root of
+                    // their number.
                     assert!((found - expected).abs() < 1e-12, "{order} {frequency}: {found}");
                 }
             }

@@ -6,7 +6,7 @@
 //! F' = P·F        M' = det(P)·P·(M − d × F)
 //! ```
 //!
-//! A mirror flips the sign of moments once more, as they are axial vectors.
+//! (moments are axial vectors: a mirror flips their sign once more).
 
 use std::str::FromStr;
 
@@ -25,7 +25,6 @@ pub struct FrameChange {
     determinant: f64,
 }
 
-/// A text that does not describe a change of frame.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("`{0}` is no frame")]
 pub struct NoFrameChange(String);
@@ -40,8 +39,8 @@ impl Hint for NoFrameChange {
 }
 
 impl FrameChange {
-    /// Creates a frame at `origin_m`, rotated by three angles, rad, about its x axis, then the resulting y
-    /// axis, then the resulting z axis. This is the tool transform of ATI's sensors.
+    /// Creates a frame at `origin_m`, rotated by three angles, rad, about its x axis, then the
+    /// resulting y axis, then the resulting z axis. This is the tool transform of ATI's sensors.
     pub fn new(origin_m: Vector, angles: Vector) -> Self {
         let about = |axis: usize| {
             let mut vector = [0.0; 3];
@@ -57,7 +56,7 @@ impl FrameChange {
         Self { origin_m, axes: transposed(&columns), determinant: 1.0 }
     }
 
-    /// Uses axes of the old frame, with their signs, as x, y and z of the new one; `None` if one is missing.
+    /// Takes axes of the old frame, with signs, as x, y and z; `None` if one is missing.
     pub fn from_axes(axes: [(usize, f64); 3]) -> Option<Self> {
         let mut matrix = Matrix::default();
         for (row, (axis, sign)) in matrix.iter_mut().zip(axes) {
@@ -77,7 +76,6 @@ impl FrameChange {
         [x, y, z, mx, my, mz]
     }
 
-    /// Transforms wrenches to the new frame, row by row.
     pub fn apply(&self, wrench: &mut PerAxis<Vec<f64>>) {
         for row in 0..wrench[0].len() {
             let changed = self.wrench(wrench.each_ref().map(|column| column[row]));
@@ -85,8 +83,7 @@ impl FrameChange {
         }
     }
 
-    /// Transforms standard errors to the new frame, row by row, with errors of the old axes treated as
-    /// independent.
+    /// Transforms standard errors, with errors of the old axes treated as independent.
     pub fn apply_to_errors(&self, errors: &mut PerAxis<Vec<f64>>) {
         let columns: PerAxis<PerAxis<f64>> = std::array::from_fn(|axis| {
             let mut unit = PerAxis::default();
@@ -163,8 +160,8 @@ mod tests {
         assert_near(at_point, [2.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
     }
 
-    /// Rotations are about axes that have rotated before. After 90° about x the new y is the old z, and the
-    /// next 90° are about that axis; another order of rotations would give another result.
+    /// Rotations are about axes that have rotated before. After 90° about x the new y is the old z,
+    /// and the next 90° are about that axis; another order of rotations would give another result.
     #[test]
     fn turns_are_about_axes_that_have_turned_before() {
         let wrench = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0];

@@ -4,10 +4,10 @@ use calibration::dynamics::ReferenceLag;
 use calibration::memory::TimeBase;
 use shell_data::wrench::PerAxis;
 
-/// Resamples forces at the reference-clock times of their rows' stamps. Values between two rows are on the
-/// cubic with the forces and slopes at both; a parabola through three rows gives the slope. Values before the
-/// first row, after the last, and where time goes back are held. Linear interpolation would flatten
-/// fast forces, which the fit has already flattened once: it interpolates the reference linearly.
+/// Resamples forces at the reference-clock times of their rows' stamps, on the cubic with the
+/// forces and slopes of both neighbours; a parabola through three rows gives the slope. Values
+/// before the first row, after the last, and where time goes back are held. Linear interpolation
+/// would flatten fast forces, as the fit has already done once.
 #[derive(Clone, Debug)]
 pub(super) struct LagShift {
     lag: ReferenceLag,
@@ -25,8 +25,8 @@ impl LagShift {
         Self { lag, rows: 0, times: Vec::new(), forces: PerAxis::default(), next: 0 }
     }
 
-    /// Takes the times of the next rows, s, and the next forces. Returns the forces of the oldest rows that
-    /// are now known.
+    /// Takes the times of the next rows, s, and the next forces. Returns the forces of the oldest
+    /// rows that are now known.
     pub(super) fn push(&mut self, times_s: &[f64], forces: PerAxis<Vec<f64>>) -> PerAxis<Vec<f64>> {
         match self.lag.time_base {
             TimeBase::Seconds => self.times.extend_from_slice(times_s),
@@ -73,17 +73,13 @@ fn longest(forces: &PerAxis<Vec<f64>>) -> usize {
     forces.iter().map(Vec::len).max().unwrap_or(0)
 }
 
-/// A time between two rows.
 struct Between {
-    /// The row before it.
     before: usize,
-    /// Fraction of the way to the next row.
     share: f64,
 }
 
 impl Between {
-    /// Finds a time, searched from row `from` on. Returns `None` if a row that it needs may still have to
-    /// come.
+    /// Searches from row `from` on; `None` if a row that it needs may still have to come.
     fn find(times: &[f64], from: usize, wanted: f64, are_all: bool) -> Option<Self> {
         let mut before = from;
         while before > 0 && times[before] > wanted && times[before - 1] <= times[before] {
@@ -114,8 +110,8 @@ impl Between {
         let after = before + 1;
         let [step, rise] = [times, forces].map(|of| of[after] - of[before]);
         let secant = rise / step;
-        // Slope at one end of the step, from a parabola through both ends and the neighbour outside the step;
-        // without a neighbour, from the straight line through both ends.
+        // Slope at one end of the step, from a parabola through both ends and the neighbour outside
+        // the step; without a neighbour, from the straight line through both ends.
         let slope = |at: usize, other: Option<usize>| {
             let other = other.filter(|&other| other < times.len());
             let far = other.map(|other| (times[other] - times[at], forces[other] - forces[at]));

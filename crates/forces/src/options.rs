@@ -9,12 +9,11 @@ pub const DEFAULT_TARE_FRAMES: usize = 50;
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ForceOptions {
-    /// The frames that define the zero.
     pub tare: TareRule,
     /// The low-pass over the forces; `None` for none.
     pub low_pass: Option<LowPass>,
-    /// Leaves forces unfiltered, instead of failing, if the rate of the log is unknown or too low for the
-    /// low-pass. Used for a default low-pass that the user did not request.
+    /// Leaves forces unfiltered, instead of failing, if the rate of the log is unknown or too low
+    /// for the low-pass. Used for a default low-pass that the user did not request.
     #[serde(skip)]
     pub low_pass_is_optional: bool,
     /// Slots of the low-pass per second, in place of the log's own rate, Hz.
@@ -22,7 +21,6 @@ pub struct ForceOptions {
     pub rule: RowRule,
 }
 
-/// Frames whose mean wrench is subtracted as the zero.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum TareRule {
@@ -33,35 +31,33 @@ pub enum TareRule {
     First(usize),
     /// The fresh frames between two times, s on the log's clock.
     Between(f64, f64),
-    /// All stationary intervals, with the zero interpolated linearly between them. If `causal`, as during
-    /// recording, the zero of the last complete interval is held.
+    /// All stationary intervals, with the zero interpolated linearly between them. If `causal`, as
+    /// during recording, the zero of the last complete interval is held.
     Rests { causal: bool },
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct LowPass {
-    /// The frequency at which a causal filter attenuates to 1/√2, and a zero-phase filter to 1/2, Hz.
+    /// A causal filter attenuates to 1/√2 here, a zero-phase filter to 1/2.
     pub cutoff_hz: f64,
     pub order: usize,
-    /// Forward and backward, without delay.
     pub zero_phase: bool,
 }
 
-/// The interpretation of a row.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RowRule {
-    /// A frame at the time on its clock. Missing rows are held for the filter; means and integrals are over
-    /// time, with linear interpolation between rows.
+    /// A frame at the time on its clock. Missing rows are held for the filter; means and integrals
+    /// are over time, with linear interpolation between rows.
     #[default]
     Time,
-    /// A sample, as in the lab's notebooks: every row is a frame, the filter steps once per row, and means
-    /// are over rows. Energy is the sum of each row's power times the time since the previous row.
+    /// A sample, as in the lab's notebooks: every row is a frame, the filter steps once per row,
+    /// and means are over rows. Energy sums each row's power times the time since the previous row.
     Rows,
 }
 
 impl Default for ForceOptions {
-    /// The first 50 fresh frames as tare, and the lab's 4th-order low-pass at 10 Hz, without its delay.
+    /// The lab's tare and its 4th-order low-pass at 10 Hz, without delay.
     fn default() -> Self {
         Self {
             tare: TareRule::First(DEFAULT_TARE_FRAMES),
@@ -89,7 +85,8 @@ impl ForceOptions {
         rule: RowRule::Time,
     };
 
-    /// These options with a causal low-pass and zero, as needed during recording, or with both free of delay.
+    /// These options with a causal low-pass and zero, as needed during recording, or with both free
+    /// of delay.
     pub fn with_delay(mut self, causal: bool) -> Self {
         if let Some(low_pass) = &mut self.low_pass {
             low_pass.zero_phase = !causal;
@@ -102,7 +99,6 @@ impl ForceOptions {
 }
 
 impl TareRule {
-    /// Returns true if the zero follows the stationary intervals.
     pub fn follows_rests(self) -> bool {
         matches!(self, Self::Rests { .. })
     }

@@ -1,4 +1,4 @@
-//! The force pipeline, and the search for its tare and clock in the first rows of a log.
+//! The force pipeline, and the search for tare and clock in the first rows of a log.
 
 use calibration::Calibration;
 use calibration::dynamics::ReferenceLag;
@@ -13,18 +13,17 @@ use super::stationary::StationaryInterval;
 use super::tare::{FirstRows, StationaryZeros, TareSearch};
 use super::{ForceOptions, LowPass, RowRule, TareFrames, TareResult, TareRule};
 
-/// The pipeline from readings to forces, for one log. The default has the calibration's own zero and no
-/// filter, as [`ForceOptions::RAW`](super::ForceOptions::RAW) gives for any log.
+/// The pipeline from readings to forces, for one log. The default has the calibration's own zero
+/// and no filter, as [`ForceOptions::RAW`](super::ForceOptions::RAW) gives for any log.
 #[derive(Clone, Debug, Default)]
 pub struct ForcePipeline {
     pub(super) rule: RowRule,
     /// The tare; if it follows the stationary intervals, the first one.
     pub tare: Option<Tare>,
-    /// The zeros to subtract in place of the tare's mean, if the tare follows the stationary intervals.
+    /// The zeros to subtract in place of the tare's mean, if the tare follows the stationary
+    /// intervals.
     pub(super) zeros: Option<StationaryZeros>,
-    /// The frames used as unloaded, and their wrench.
     pub tare_result: Option<TareResult>,
-    /// The frames of the tare, if they were kept.
     pub tare_frames: Option<TareFrames>,
     /// The low-pass; `None` if forces are not filtered.
     pub low_pass: Option<AppliedLowPass>,
@@ -33,7 +32,6 @@ pub struct ForcePipeline {
     pub lag: Option<ReferenceLag>,
 }
 
-/// A low-pass with the rate of its grid.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct AppliedLowPass {
     #[serde(flatten)]
@@ -41,10 +39,8 @@ pub struct AppliedLowPass {
     pub rate_hz: f64,
 }
 
-/// Low-pass and lag over rows in order; without either, rows pass unchanged.
 #[derive(Clone, Debug)]
 pub struct ForceStream {
-    /// The grid, and a filter for each requested axis.
     low_pass: Option<(Grid, Vec<(Axis, SignalFilter)>)>,
     lag: Option<LagShift>,
 }
@@ -57,8 +53,8 @@ impl ForcePipeline {
         }
     }
 
-    /// The tared, unfiltered wrench of every row, N and N·m. The bits of a row do not depend on other rows.
-    /// Times, s, are used for a tare that follows the stationary intervals.
+    /// The tared, unfiltered wrench of every row, N and N·m. The bits of a row do not depend on
+    /// other rows. Times, s, are used for a tare that follows the stationary intervals.
     pub fn wrench(
         &self,
         calibration: &Calibration,
@@ -71,7 +67,7 @@ impl ForcePipeline {
         wrench
     }
 
-    /// Like [`Self::wrench`], but converts each of `frames` once: every row gives the number of its frame.
+    /// Like [`Self::wrench`], but converts each of `frames` once, which rows refer to.
     pub fn wrench_of_rows(
         &self,
         calibration: &Calibration,
@@ -86,12 +82,10 @@ impl ForcePipeline {
         wrench
     }
 
-    /// Returns true if the force of a row depends on the rows around it.
     pub fn looks_around(&self) -> bool {
         self.filter.is_some() || self.lag.is_some()
     }
 
-    /// Subtracts the tare from wrenches at `times_s`. Columns may be empty.
     fn tare_off(&self, times_s: &[f64], wrench: &mut PerAxis<Vec<f64>>) {
         if let Some(zeros) = &self.zeros {
             for (row, &time_s) in times_s.iter().enumerate() {
@@ -106,8 +100,8 @@ impl ForcePipeline {
         }
     }
 
-    /// Starts low-pass and lag along `axes`. Begin with the first row of the log or, by time, with the first
-    /// [needed](super::PipelineSetup::needed_s) row.
+    /// Starts low-pass and lag along `axes`. Begin with the first row of the log or, by time, with
+    /// the first [needed](super::PipelineSetup::needed_s) row.
     pub fn stream(&self, axes: &[Axis]) -> ForceStream {
         let low_pass = self.filter.as_ref().map(|(clock, plan)| {
             let filters = axes.iter().map(|axis| (*axis, SignalFilter::new(plan.clone())));
@@ -118,8 +112,8 @@ impl ForcePipeline {
 }
 
 impl ForceStream {
-    /// Filters the next rows, at `times_s`. Returns the forces of the oldest pending rows, as far as they are
-    /// now known; a causal low-pass returns them all.
+    /// Filters the next rows, at `times_s`. Returns the forces of the oldest pending rows, as far
+    /// as they are now known; a causal low-pass returns them all.
     ///
     /// # Errors
     /// [`FilterError::TooFewSamples`].
@@ -162,7 +156,6 @@ impl ForceStream {
 pub struct PipelineSetup {
     options: ForceOptions,
     tare: TareSearch,
-    /// The clock, as far as times have been read.
     pub clock: ClockSearch,
 }
 
@@ -172,28 +165,26 @@ impl PipelineSetup {
         Self { options, tare, clock: ClockSearch::default() }
     }
 
-    /// Like [`Self::new`], but keeps the frames of the tare.
     pub fn keeping_frames(options: ForceOptions) -> Self {
         let mut setup = Self::new(options);
         setup.tare.frames = Some(TareFrames::default());
         setup
     }
 
-    /// Like [`Self::new`], for use during recording. A tare that follows the stationary intervals searches
-    /// only for the first; report all of them to [`ForcePipeline::follow`].
+    /// Like [`Self::new`], for use during recording. A tare that follows the stationary intervals
+    /// searches only for the first; report all of them to [`ForcePipeline::follow`].
     pub fn while_recording(options: ForceOptions) -> Self {
         let mut setup = Self::new(options);
         setup.tare.finder = None;
         setup
     }
 
-    /// Takes the next rows, for tare and clock.
     pub fn look_at(&mut self, calibration: &Calibration, rows: FirstRows<'_>) {
         self.clock.look_at(rows.times_s);
         self.look_at_frames(calibration, rows);
     }
 
-    /// Takes the next rows [that may hold frames of the tare](Self::wants_frames), for the tare only.
+    /// Takes rows [that may hold frames of the tare](Self::wants_frames), for the tare only.
     pub fn look_at_frames(&mut self, calibration: &Calibration, rows: FirstRows<'_>) {
         self.tare.look_at(calibration, rows);
     }
@@ -203,7 +194,6 @@ impl PipelineSetup {
         self.tare.wants(last_s)
     }
 
-    /// Returns true if tare and clock are known, so that no more rows are needed.
     pub fn is_done(&self) -> bool {
         let needs_clock = self.options.low_pass.is_some();
         self.tare.is_done() && (!needs_clock || self.clock.is_done())
@@ -230,7 +220,6 @@ impl PipelineSetup {
         Ok((low, clock.time_s(needed.end) + slack))
     }
 
-    /// The low-pass at the clock's rate, if any.
     fn low_pass(&self) -> Result<Option<(AppliedLowPass, BlockPlan)>, ForceError> {
         let Some(low_pass) = self.options.low_pass else { return Ok(None) };
         let optional = self.options.low_pass_is_optional;
@@ -249,8 +238,6 @@ impl PipelineSetup {
         }
     }
 
-    /// Builds the pipeline.
-    ///
     /// # Errors
     /// [`ForceError`] if there were too few rows for tare or clock, or the filter is impossible.
     pub fn finish(self, calibration: &Calibration) -> Result<ForcePipeline, ForceError> {
@@ -261,7 +248,6 @@ impl PipelineSetup {
     }
 }
 
-/// A log that cannot give forces with these options.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ForceError {
     #[error("only `{found}` frames to tare on, `{wanted}` wanted")]
@@ -271,7 +257,6 @@ pub enum ForceError {
         "no frame between `{start_s}` and `{end_s}` s to tare on: frames run from `{first_s}` to `{last_s}` s"
     )]
     TareTime { start_s: f64, end_s: f64, first_s: f64, last_s: f64 },
-    /// The low-pass needs the sampling rate, and the log does not give it.
     #[error("the sampling rate, which a low-pass needs, is not known: {0}")]
     NoRate(&'static str),
     #[error(transparent)]

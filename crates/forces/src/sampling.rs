@@ -1,4 +1,4 @@
-//! Statistics of the periods between frames, computed while streaming.
+//! Statistics of the periods between frames, while streaming.
 
 /// Histogram steps per doubling of the period: 0.3 % each.
 const STEPS: f64 = 256.0;
@@ -7,7 +7,6 @@ const DOUBLINGS: i32 = 30;
 /// A period this many times the usual one is a gap in the recording.
 const GAP: f64 = 10.0;
 
-/// A histogram of the periods between frames, with equal steps of their logarithm.
 #[derive(Clone, Debug, Default)]
 pub struct Sampling {
     last_s: Option<f64>,
@@ -16,7 +15,6 @@ pub struct Sampling {
     backwards: u64,
 }
 
-/// Statistics of the periods.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Rate {
     /// Frames per second, without gaps.
@@ -27,7 +25,6 @@ pub struct Rate {
     pub spread: f64,
     /// Number of periods more than ten times the median.
     pub gaps: u64,
-    /// Number of frames that were not later than the previous one.
     pub backwards: u64,
 }
 

@@ -1,28 +1,28 @@
-//! The low-pass over one signal, given row by row on a grid that rows need not fill.
+//! Low-pass over one signal, given row by row on a grid that rows need not fill.
 //!
-//! The grid is divided into blocks of `2·m` slots, where m is the filter's memory. The output in block b
-//! comes from a filter that starts at slot `2·m·b − m` and, if it also runs backward, ends m slots after the
-//! block. The output thus depends only on nearby slots, and blocks are at fixed slots: a log read from its
-//! start and the rows around a window give the same bits.
+//! The grid is divided into blocks of `2·m` slots, where m is the filter's memory. The output in
+//! block b comes from a filter that starts at slot `2·m·b − m` and, if it also runs backward, ends
+//! m slots after the block. Outputs thus depend only on nearby slots, and blocks are at fixed
+//! slots: a log read from its start and the rows around a window give the same bits.
 
 use super::filter::{Butterworth, Filter, FilterError};
 
-/// The tolerance of an output relative to a filter over the whole log, as a share of the largest change of
-/// the signal: far below a step of the converter.
+/// The tolerance of an output relative to a filter over the whole log, as a share of the largest
+/// change of the signal: far below a step of the converter.
 const FORGOTTEN: f64 = 1e-12;
 
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct BlockPlan {
     design: Butterworth,
     zero_phase: bool,
-    /// Starts a causal filter at rest at zero at the start of the log, as the lab's `lfilter` did after
-    /// taring; otherwise it starts settled at the first value.
+    /// Starts a causal filter at zero at the start of the log, as the lab's `lfilter` did after
+    /// taring; otherwise settled at the first value.
     at_rest: bool,
     /// Number of slots after which the filter has forgotten the past; a longer gap is a pause.
     memory: u64,
 }
 
-/// A low-pass with its state: the signal since the last pause for zero-phase, a running filter for causal.
+/// The signal since the last pause for zero-phase, a running filter for causal.
 #[derive(Clone, Debug)]
 pub(super) struct SignalFilter {
     plan: BlockPlan,
@@ -44,7 +44,6 @@ impl BlockPlan {
         2 * self.memory
     }
 
-    /// The slots that the outputs in `block` depend on.
     fn span(&self, block: u64) -> std::ops::Range<u64> {
         let start = block * self.length();
         let end = start + self.length();
@@ -52,8 +51,8 @@ impl BlockPlan {
         start.saturating_sub(self.memory)..end + after
     }
 
-    /// The slots whose rows are needed for the outputs from slot `first` to slot `last`: those that the
-    /// outputs depend on, plus enough on either side to detect a pause.
+    /// The slots whose rows are needed for the outputs from slot `first` to slot `last`: those that
+    /// the outputs depend on, plus enough on either side to detect a pause.
     pub(super) fn needed(&self, first: u64, last: u64) -> std::ops::Range<u64> {
         let (start, end) = (self.span(self.block(first)).start, self.span(self.block(last)).end);
         start.saturating_sub(self.memory)..end + self.memory + 1
@@ -88,9 +87,9 @@ impl SignalFilter {
         Self { plan, segment: None, running: None }
     }
 
-    /// Takes the next values, at ascending slots, and appends the outputs known so far to `answers`, one per
-    /// value, in order. A causal filter outputs them all. If values share a slot, the last one counts for
-    /// later outputs.
+    /// Takes the next values, at ascending slots, and appends the outputs known so far to
+    /// `answers`, one per value, in order. A causal filter outputs them all. If values share a
+    /// slot, the last one counts for later outputs.
     ///
     /// # Errors
     /// Never for a causal filter.
@@ -157,8 +156,8 @@ impl SignalFilter {
         Ok(())
     }
 
-    /// Outputs all pending rows. A segment too short to be filtered is continued by its last value, unless it
-    /// is the whole log.
+    /// Outputs all pending rows. A segment too short to be filtered is continued by its last value,
+    /// unless it is the whole log.
     fn close(&mut self, is_whole_log: bool, answers: &mut Vec<f64>) -> Result<(), FilterError> {
         let Some(mut segment) = self.segment.take() else { return Ok(()) };
         let reach = self.plan.design.zero_phase_reach() as u64;
@@ -171,7 +170,6 @@ impl SignalFilter {
         Ok(())
     }
 
-    /// Filters forward only, one output per row.
     fn push_causal(&mut self, slot: u64, value: f64, answers: &mut Vec<f64>) {
         let plan = &self.plan;
         let paused = |running: &Running| slot - running.slot > plan.memory;
@@ -190,15 +188,11 @@ impl SignalFilter {
     }
 }
 
-/// The signal between two pauses.
 #[derive(Clone, Debug)]
 struct Segment {
     start: u64,
-    /// The slot of the first element of `even`.
     base: u64,
-    /// The signal on the grid.
     even: Vec<f64>,
-    /// The slots of the rows that wait for their output.
     waiting: Vec<u64>,
 }
 
@@ -207,7 +201,6 @@ impl Segment {
         Self { start: slot, base: slot, even: vec![value], waiting: vec![slot] }
     }
 
-    /// The slot after the last.
     fn end(&self) -> u64 {
         self.base + self.even.len() as u64
     }
@@ -226,11 +219,9 @@ impl Segment {
     }
 }
 
-/// A causal filter between two pauses.
 #[derive(Clone, Debug)]
 struct Running {
     start: u64,
-    /// A filter that has processed all slots before `slot`.
     filter: Filter,
     /// The filter of the next block, once it has begun to process slots.
     next: Option<Filter>,
@@ -239,7 +230,6 @@ struct Running {
 }
 
 impl Running {
-    /// Processes the current slot, and advances to the next.
     fn step(&mut self, plan: &BlockPlan) {
         let (slot, value) = (self.slot, self.value);
         self.filter.process(&mut [value]);

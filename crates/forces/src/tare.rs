@@ -1,5 +1,5 @@
-//! The frames used as unloaded, with a check against the calibration's training data, and a zero that is
-//! taken during recording.
+//! Frames used as unloaded, with a check against the calibration's training data, and a zero that
+//! is taken during recording.
 
 use calibration::Calibration;
 use calibration::quality::AxisQuality;
@@ -14,7 +14,6 @@ use super::{DEFAULT_TARE_FRAMES, ForceError, ForcePipeline, RowRule, TareRule};
 /// Number of frames summed at once: fixed, so the mean has the same bits however the log is cut.
 const CHUNK: usize = 4096;
 
-/// The search for the tare in the part of the log read so far.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct TareSearch {
     rule: TareRule,
@@ -28,29 +27,24 @@ pub(super) struct TareSearch {
     found: usize,
     found_s: Option<(f64, f64)>,
     seen_s: Option<(f64, f64)>,
-    /// The frames themselves, if they are kept.
     pub(super) frames: Option<TareFrames>,
     /// The zeros at the stationary intervals, if the tare follows them.
     zeros: Option<StationaryZeros>,
-    /// The search for stationary intervals; `None` if the caller searches, and only the first interval is
-    /// needed here.
+    /// `None` if the caller searches, and only the first interval is needed here.
     pub(super) finder: Option<StationaryFinder>,
 }
 
 /// The frames of a tare; if it follows the stationary intervals, those of the first.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TareFrames {
-    /// Readings, counts, one column per channel.
     pub readings: Vec<Vec<f64>>,
     pub times_s: Vec<f64>,
     /// Position of the right leg at each frame, counts; empty if unknown.
     pub leg: Vec<f64>,
 }
 
-/// The frames used as unloaded, and their wrench.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct TareResult {
-    /// Number of frames; with several stationary intervals, of the first.
     pub frames: usize,
     /// Time of the first frame, s; `None` if the log has no time.
     pub start_s: Option<f64>,
@@ -64,17 +58,14 @@ pub struct TareResult {
     /// Number of stationary intervals, if the tare follows them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rests: Option<usize>,
-    /// The end of the last stationary interval, s.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub last_rest_s: Option<f64>,
 }
 
-/// Consecutive rows of a log.
 #[derive(Clone, Copy, Debug)]
 pub struct FirstRows<'a> {
     /// Time of each row, s; empty if the log has no time.
     pub times_s: &'a [f64],
-    /// Readings, counts, one column per channel.
     pub readings: &'a [Vec<f64>],
     /// True for each row that is a new frame.
     pub fresh: &'a [bool],
@@ -92,7 +83,6 @@ impl TareSearch {
         search
     }
 
-    /// Returns true if rows that end at `last_s` may hold frames of the tare.
     pub(super) fn wants(&self, last_s: f64) -> bool {
         match self.rule {
             TareRule::Between(start_s, _) => !self.is_done() && last_s >= start_s,
@@ -100,13 +90,11 @@ impl TareSearch {
         }
     }
 
-    /// Returns true if all frames are found. The search for further stationary intervals continues after the
-    /// first.
+    /// Returns true if all frames are found; the search for further stationary intervals continues.
     pub(super) fn is_done(&self) -> bool {
         self.is_over || (self.found >= self.wanted() && self.finder.is_none())
     }
 
-    /// The maximum number of frames of a tare.
     fn wanted(&self) -> usize {
         match self.rule {
             TareRule::First(frames) => frames,
@@ -115,7 +103,6 @@ impl TareSearch {
         }
     }
 
-    /// Takes the next rows, in order.
     pub(super) fn look_at(&mut self, calibration: &Calibration, rows: FirstRows<'_>) {
         self.look_for_rests(calibration, rows);
         let wanted = self.wanted();
@@ -147,7 +134,7 @@ impl TareSearch {
             let rows = column.iter().zip(&frames);
             rows.filter(|(_, is_frame)| **is_frame).map(|(value, _)| *value).collect()
         };
-        // At rest, memory terms are zero, so plain channels suffice.
+        // When still, memory terms are zero, so plain channels suffice.
         let channels = rows.readings.iter().take(calibration.channels());
         let readings: Vec<Vec<f64>> = channels.map(|column| pick(column)).collect();
         finder.look_at(&pick(rows.times_s), &readings, &mut |rest| zeros.add(calibration, rest));
@@ -226,12 +213,11 @@ fn extend(span_s: &mut Option<(f64, f64)>, time_s: Option<f64>) {
 /// The zero as a function of time, from stationary intervals in order.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct StationaryZeros {
-    /// Hold the zero of the last complete interval, instead of linear interpolation between intervals.
+    /// Holds the zero of the last complete interval, instead of linear interpolation.
     causal: bool,
     knots: Vec<Knot>,
 }
 
-/// The zero at a stationary interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Knot {
     middle_s: f64,
@@ -277,7 +263,6 @@ fn push_row(columns: &mut Vec<Vec<f64>>, readings: &[Vec<f64>], row: usize) {
     columns.iter_mut().zip(readings).for_each(|(column, readings)| column.push(readings[row]));
 }
 
-/// The mean over the frames of two tares.
 fn mean_of_both(a: &Tare, b: &Tare) -> Tare {
     let frames = a.frames + b.frames;
     let share = b.frames as f64 / frames as f64;
@@ -301,8 +286,8 @@ pub fn by_column<T: serde::Serialize, S: serde::Serializer>(
     serializer.collect_map(values.iter().map(|(axis, value)| (axis.column(), value)))
 }
 
-/// A tare wrench above this share of the largest training load is doubtful. A drifted zero and the noise at
-/// rest are below it.
+/// A tare wrench above this share of the largest training load is doubtful: a drifted zero and
+/// noise are below it.
 const LOADED: f64 = 0.1;
 
 /// A tare wrench below this multiple of the calibration error is not a detectable load.
@@ -311,10 +296,9 @@ const ERRORS: f64 = 4.0;
 const CONSEQUENCE: &str = "every force of this log is relative to it";
 
 impl TareResult {
-    /// Describes the most serious reason to doubt that its frames were unloaded, if any: their mean wrench is
-    /// far from the zero of the calibration, or the wrench changes during the tare.
-    ///
-    /// `errors` and `loads` belong to the calibration's training data.
+    /// The most serious reason to doubt that the frames were unloaded, if any: their mean wrench is
+    /// far from the zero of the calibration, or the wrench changes during the tare. `errors` and
+    /// `loads` belong to the training data.
     pub fn doubt(&self, errors: &PerAxis<AxisQuality>, loads: &Excitation) -> Option<String> {
         let largest = loads.largest_loads();
         let excess = |of: &AxisValues<f64>| {
@@ -342,11 +326,10 @@ impl TareResult {
     }
 }
 
-/// The zero of a stream of wrenches, taken on request: the mean of the next [`DEFAULT_TARE_FRAMES`] wrenches.
-/// It is applied after tare and low-pass of the pipeline.
+/// The zero of a stream of wrenches, taken on request: the mean of the next [`DEFAULT_TARE_FRAMES`]
+/// wrenches. It is applied after tare and low-pass of the pipeline.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RunningTare {
-    /// The wrench to subtract, N and N·m.
     pub zero: PerAxis<f64>,
     /// Number and sum of the wrenches of a tare in progress.
     pending: Option<(usize, PerAxis<f64>)>,
@@ -357,12 +340,11 @@ impl RunningTare {
         self.pending = Some((0, [0.0; 6]));
     }
 
-    /// Returns true if a tare is in progress.
     pub fn is_pending(&self) -> bool {
         self.pending.is_some()
     }
 
-    /// Adds the next wrench. Returns true if it completes a tare, which applies from this wrench on.
+    /// Returns true if this wrench completes a tare, which applies from it on.
     pub fn push(&mut self, wrench: PerAxis<f64>) -> bool {
         let Some((count, sum)) = &mut self.pending else { return false };
         *count += 1;

@@ -1,8 +1,7 @@
 //! R factors beside exact sums on a fixed grid, for readings of full length: the figures of ADR 12.
-//!
-//! The grid has a step of 2^-66 of the range of a column. A value has three limbs of 22 bits, so the sums of
-//! 512 products of limbs are exact in doubles: five matrix products for each chunk of rows, added as integers.
-//! Only sums are timed, without their solution.
+//! The grid has a step of 2^-66 of the range of a column. A value has three limbs of 22 bits, so
+//! the sums of 512 products of limbs are exact in doubles: five matrix products for each chunk of
+//! rows, added as integers. Only sums are timed, not their solution.
 #![allow(missing_docs, reason = "no one reads the documentation of a benchmark")]
 
 use divan::{Bencher, black_box};
@@ -65,7 +64,6 @@ fn r_factor(bencher: Bencher<'_, '_>, problem: (usize, usize)) {
 #[divan::bench(args = DEGREES, sample_count = 7, sample_size = 1)]
 fn sums_on_a_fixed_grid(bencher: Bencher<'_, '_>, problem: (usize, usize)) {
     const CHUNK: usize = 512;
-    /// The pairs of limbs whose products reach the last place of the grid.
     const PAIRS: [(usize, usize); 5] = [(0, 0), (0, 1), (1, 1), (0, 2), (1, 2)];
     /// Rounds to an integer when it is added and subtracted.
     const ROUND: f64 = 6_755_399_441_055_744.0;

@@ -8,11 +8,10 @@ use shell_data::vectorised;
 use shell_data::wrench::Axis;
 
 impl ReadingRanges {
-    /// Scans one block.
+    /// Scans one block with `channels` channels.
     ///
     /// # Errors
-    /// [`FitError::NotFinite`] if a reading or a component of the wrench is infinite or not a number;
-    /// [`FitError::Channels`] if the number of channels is not `channels`.
+    /// [`FitError::NotFinite`], [`FitError::Channels`].
     pub fn from_block(block: &Block, channels: usize) -> Result<Self, FitError> {
         if block.readings.len() != channels {
             return Err(FitError::Channels { expected: channels, found: block.readings.len() });
@@ -48,7 +47,6 @@ const LANES: usize = 16;
 
 vectorised! {
     fn are_finite(column: &[f64]) -> bool {
-        // No early exit: it would prevent vectorisation.
         column.iter().fold(true, |all, x| all & x.is_finite())
     }
 

@@ -1,9 +1,9 @@
-//! Numbers of twice the precision of `f64`: the unevaluated sum of a head and a tail.
+//! Numbers of twice the precision of `f64`: the unevaluated sum of a head and a tail, with about 31
+//! decimal digits and the exponent range of `f64`.
 //!
-//! About 31 decimal digits and the exponent range of `f64`. Used where sums cancel and rounding would show.
-//! The error-free transformations are by Knuth (TAOCP 2, §4.2.2) and Dekker (Numer. Math. 18, 1971). The
-//! operations are the accurate ones of Joldes, Muller and Popescu (ACM TOMS 44, 2017), with a relative error
-//! below 2⁻¹⁰² for sums and 2⁻¹⁰⁰ for products and quotients. Products use the fused multiply-add of
+//! The error-free transformations are by Knuth (TAOCP 2, §4.2.2) and Dekker (Numer. Math. 18,
+//! 1971), the operations the accurate ones of Joldes, Muller and Popescu (ACM TOMS 44, 2017), with
+//! a relative error below 2⁻¹⁰² for sums and 2⁻¹⁰⁰ for products and quotients. Products use
 //! `f64::mul_add`, which is exact on every machine.
 
 use std::iter::Sum;
@@ -58,8 +58,7 @@ impl DoubleDouble {
         Self { head, tail }
     }
 
-    /// Builds a number from the head and tail that [`Self::to_f64`] and [`Self::tail`] return,
-    /// `|tail| ≤ ulp(head) / 2`.
+    /// Builds a number from what [`Self::to_f64`] and [`Self::tail`] return.
     #[inline(always)]
     pub const fn from_parts(head: f64, tail: f64) -> Self {
         Self { head, tail }
@@ -88,8 +87,8 @@ impl DoubleDouble {
         self.head.is_finite() && self.tail.is_finite()
     }
 
-    /// The square root, by one step of Newton's method from the root of the head (Karp's trick). Zero for
-    /// zero, NaN for a negative number.
+    /// The square root, by one step of Newton's method from the root of the head (Karp's trick).
+    /// Zero for zero, NaN for a negative number.
     #[inline(always)]
     pub fn sqrt(self) -> Self {
         if self.head <= 0.0 {
@@ -214,8 +213,8 @@ mod tests {
     }
 
     proptest! {
-        // Bounds proved in the paper for these algorithms: 3u² + 13u³ for the sum, 5u² for the product (u =
-        // 2⁻⁵³). Quotient and root get twice the bound of the product.
+        // Bounds proved in the paper for these algorithms: 3u² + 13u³ for the sum, 5u² for the
+        // product (u = 2⁻⁵³). Quotient and root get twice the bound of the product.
         #[test]
         fn operations_agree_with_exact_rational_arithmetic(a in number(), b in number()) {
             prop_assert!(close(a + b, &(exact(a) + exact(b)), 102));

@@ -27,8 +27,7 @@ pub enum FitError {
     /// The features are not independent.
     #[error("{0}")]
     RankDeficient(RankLoss),
-    /// The features are so nearly dependent that the solver cannot determine the coefficients, or does not
-    /// converge.
+    /// The features are so nearly dependent that the solver fails or does not converge.
     #[error(transparent)]
     Solver(#[from] LeastSquaresError),
     /// The features are independent, but too nearly dependent to compute their coefficients.
@@ -233,8 +232,7 @@ impl FitError {
         )
     }
 
-    /// Returns true if the error concerns the training rows, so that you need to know which logs they are
-    /// from.
+    /// Returns true if the error concerns the training rows: name the logs that they are from.
     pub fn is_about_rows(&self) -> bool {
         let is_other = matches!(
             self,
@@ -253,7 +251,6 @@ impl FitError {
         !is_other && !self.is_about_groups()
     }
 
-    /// Translates an error of the least-squares solver into channels and features.
     pub(crate) fn from_least_squares(
         error: LeastSquaresError,
         features: &Features,

@@ -1,10 +1,7 @@
-//! Features of readings: the columns of the design matrix.
-//!
-//! Every feature of degree two or three is the product of two earlier features, so a row of the design matrix
-//! costs one multiplication per column for any model.
-//!
-//! Features of integer readings of up to 16 bits are exact in `f64`. Features of readings in volts, or with
-//! decimals, are not. Where that matters, features are in double-double, with the rounding errors as tails.
+//! Features of readings: the columns of the design matrix. Every feature of degree two or three is
+//! the product of two earlier features, so a row costs one multiplication per column. Features of
+//! integer readings of up to 16 bits are exact in `f64`; others are in double-double where that
+//! matters, with the rounding errors as tails.
 
 use std::ops::Range;
 
@@ -29,14 +26,10 @@ pub const LANES: usize = 16;
 /// One feature of [`LANES`] rows.
 pub type RowLanes = [f64; LANES];
 
-/// The rule that computes one feature.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Recipe {
-    /// The standardised reading of a channel.
     Reading(usize),
-    /// The product of two earlier features.
     Product(usize, usize),
-    /// The constant.
     One,
 }
 
@@ -65,10 +58,9 @@ impl Features {
         &self.recipe
     }
 
-    /// Fills `rows × len` features, column by column.
-    ///
-    /// `readings` has one column per channel, in counts; only the range `rows` is used. Feature `j` goes to
-    /// `columns[j·stride ..][..rows.len()]`, dimensionless.
+    /// Fills `rows × len` features, column by column: feature `j` goes to
+    /// `columns[j·stride ..][..rows.len()]`, dimensionless. `readings` has one column per channel,
+    /// in counts.
     ///
     /// # Panics
     /// If a reading column is shorter than `rows.end`, or `columns` is too short.
@@ -103,8 +95,8 @@ impl Features {
         (self.scaling.centre[channel], self.scaling.scale[channel].recip())
     }
 
-    /// Computes features and their rounding errors, in the layout of [`Features::fill`]. Returns true if any
-    /// rounding error is nonzero.
+    /// Computes features and their rounding errors, in the layout of [`Features::fill`]. Returns
+    /// true if any rounding error is nonzero.
     pub(super) fn fill_wide(
         &self,
         readings: &[Vec<f64>],
@@ -162,8 +154,8 @@ vectorised! {
     }
 }
 
-/// Fills columns with the features of `rows` rows. Feature `j` starts at `place(j)`; `reading` returns the
-/// column of a channel, its centre and the reciprocal of its scale.
+/// Fills columns with the features of `rows` rows. Feature `j` starts at `place(j)`; `reading`
+/// returns the column of a channel, its centre and the reciprocal of its scale.
 #[inline(always)]
 pub(crate) fn fill_columns<'a>(
     recipe: &[Recipe],
@@ -193,7 +185,6 @@ pub(crate) fn fill_columns<'a>(
     }
 }
 
-/// The rules that compute the terms of a model.
 pub(crate) fn recipe(terms: &[Term]) -> Vec<Recipe> {
     let position = |factors: &[u8]| {
         let term = Term::product(factors);

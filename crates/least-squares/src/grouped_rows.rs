@@ -1,4 +1,5 @@
-//! Rows by group, as references into the blocks that were read. A copy would take as much memory as all rows.
+//! Rows by group, as references into the blocks that were read: a copy would take as much memory
+//! again.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -41,8 +42,8 @@ fn index(at: usize) -> u32 {
 }
 
 impl GroupedRows {
-    /// Groups the rows by the labels of a data set. Also returns the labels of groups 0, 1, … in the order of
-    /// their first rows.
+    /// Groups the rows by the labels of a data set. Also returns the labels of groups 0, 1, … in
+    /// the order of their first rows.
     pub fn from_labels(data: &Dataset) -> (Self, Vec<String>) {
         let (mut labels, mut positions) = (Vec::<String>::new(), HashMap::new());
         let mut rows = Self::default();
@@ -62,8 +63,7 @@ impl GroupedRows {
         (rows, labels)
     }
 
-    /// Groups the rows by the fold that a split assigns them to. Rows that are never held out form the group
-    /// after those folds.
+    /// Groups the rows by the fold of a split. Rows that are never held out form the last group.
     pub fn from_split(data: &Dataset, split: &RandomSplit) -> Self {
         let mut rows = Self::default();
         for (_, block) in data.blocks() {
@@ -120,8 +120,8 @@ impl GroupedRows {
         &self.runs[before(group)..before(group + 1)]
     }
 
-    /// A column over some runs. Positions 0 to 5 are the axes in N and N·m, then follow the readings in
-    /// counts.
+    /// A column over some runs. Positions 0 to 5 are the axes in N and N·m, then follow the
+    /// readings in counts.
     pub fn column(&self, runs: &[Run], position: usize) -> impl Iterator<Item = f64> {
         runs.iter().flat_map(move |run| self.of_run(run, position).iter().copied())
     }

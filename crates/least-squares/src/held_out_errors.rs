@@ -44,8 +44,7 @@ impl HeldOutErrors {
         self.sum / self.rows as f64
     }
 
-    /// The quality of a fit, given the sum of squared deviations of the measured wrench from its mean. The
-    /// sums contain no largest error.
+    /// `total` sums squared deviations of the measured wrench from its mean. Has no largest error.
     pub(crate) fn quality(&self, total: f64) -> AxisQuality {
         let r_squared = (total > 0.0).then(|| 1.0 - self.squares / total);
         AxisQuality { rms: self.rms(), max: None, bias: self.bias(), r_squared }

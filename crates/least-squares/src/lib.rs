@@ -4,12 +4,11 @@
 //! rows ─▶ features ─▶ sums, all or by group ─▶ solution ─▶ errors on groups held out, covariance
 //! ```
 //!
-//! Rows are reduced to small, mergeable results: [`exact`] sums of integer readings, with the same bits in
-//! any order, or [R factors](factored) of any readings. Through [`sums`], both support
-//! [cross-validation](validation), model selection and the [covariance of coefficients](uncertainty) without
-//! the rows. [`solver`] passes over rows in place, on several threads ([`passes`]), by one of several
-//! [methods]. Other crates know which sensor a reading comes from, and how to fit a model of a sensor. Pure:
-//! no files, no clocks, no printing.
+//! Rows are reduced to small, mergeable results: [`exact`] sums of integer readings, with the same
+//! bits in any order, or [R factors](factored) of any readings. Through [`sums`], both support
+//! [cross-validation](validation), model selection and the [covariance of
+//! coefficients](uncertainty) without the rows. [`solver`] passes over rows in place, on several
+//! threads ([`passes`]), by one of several [methods]. No files, clocks or printing.
 
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]

@@ -1,11 +1,10 @@
-//! Streaming histograms of magnitudes, with bins of equal ratio.
-//!
-//! The leading bits of a number are its bin, so counting costs one shift. A quantile is interpolated within
-//! its bin: the error is at most 1.6 %, and much smaller for dense numbers. Histograms merge in any order to
-//! the same result, so each thread can have its own.
+//! Streaming histograms of magnitudes, with bins of equal ratio. The leading bits of a number are
+//! its bin, so counting costs one shift. A quantile is interpolated within its bin: the error is at
+//! most 1.6 %, and much smaller for dense numbers. Histograms merge in any order to the same
+//! result.
 
-/// A histogram of up to 2³² magnitudes: `2^BITS` bins per factor of two, over `OCTAVES` factors of two. Zero
-/// and tiny numbers share the lowest bin.
+/// A histogram of up to 2³² magnitudes: `2^BITS` bins per factor of two, over `OCTAVES` factors of
+/// two. Zero and tiny numbers share the lowest bin.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Histogram<const BITS: u32, const OCTAVES: u64> {
     counts: Vec<u32>,
@@ -14,15 +13,13 @@ pub struct Histogram<const BITS: u32, const OCTAVES: u64> {
 /// A histogram with the resolution that prediction intervals need.
 pub type Magnitudes = Histogram<6, 24>;
 
-/// A histogram for the scale of a robust fit: quantiles to 0.4 %, even if outliers have made the unit large
-/// relative to most numbers.
+/// For the scale of a robust fit: quantiles to 0.4 %, even if outliers made the unit large.
 pub type FineMagnitudes = Histogram<8, 48>;
 
 /// The power of two from which on numbers share the last bin.
 const TOP: u64 = 8;
 
 impl<const BITS: u32, const OCTAVES: u64> Default for Histogram<BITS, OCTAVES> {
-    /// A histogram of zero numbers.
     fn default() -> Self {
         Self { counts: vec![0; Self::BINS] }
     }
@@ -82,8 +79,7 @@ impl Magnitudes {
     }
 }
 
-/// Not generic, so that it is compiled in this crate, where inner loops are optimised, and not in the calling
-/// crate.
+/// Not generic, so that it is compiled in this crate, where inner loops are optimised.
 #[inline(never)]
 fn add_counts(sums: &mut [u32], counts: &[u32]) {
     sums.iter_mut().zip(counts).for_each(|(sum, n)| *sum += n);

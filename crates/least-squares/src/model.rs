@@ -1,10 +1,10 @@
 //! The features of a calibration and their order.
 //!
-//! A feature is a product of up to three readings. The order is the same as in the lab's own tools, so that
-//! coefficients can be exchanged with them: `cubic` goes channel by channel (s1, s1², s1³, s2, …); the models
-//! with cross terms go degree by degree, each degree in lexicographic order (s1, …, s8, s1², s1·s2, …);
-//! `cubic+products` has the terms of `cubic`, then the products of two channels. The linear memory terms
-//! follow: for each time constant, one per channel. The intercept, the empty product, comes last.
+//! A feature is a product of up to three readings, in the order of the lab's own tools: `cubic`
+//! goes channel by channel (s1, s1², s1³, s2, …); the models with cross terms go degree by degree,
+//! each in lexicographic order (s1, …, s8, s1², s1·s2, …); `cubic+products` has the terms of
+//! `cubic`, then the products of two channels. The linear memory terms follow: for each time
+//! constant, one per channel. The intercept, the empty product, comes last.
 
 /// A family of features.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -63,11 +63,9 @@ pub const LARGEST: f64 = 1e100;
 /// The largest number of channels; their indices are bytes.
 pub const MAX_CHANNELS: usize = 255;
 
-/// Maximum number of coefficients per axis. Their equations take some 40 MB, and the time grows with the
-/// cube.
+/// Most coefficients per axis: equations of some 40 MB, and a time that grows with the cube.
 pub const MAX_TERMS: usize = 2200;
 
-/// A model with too many coefficients.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "`{}` with `{}` channels has `{}` coefficients, at most `{MAX_TERMS}` can be fitted: {}",
@@ -77,7 +75,6 @@ pub struct TooLarge {
     model: Model,
 }
 
-/// Lists the models of the same channels that are small enough.
 fn fitting(model: &Model) -> String {
     let fits = |&basis: &Basis| Model { basis, ..*model }.check_size().is_ok();
     let names: Vec<_> = Basis::ALL.iter().copied().filter(fits).map(Basis::name).collect();
@@ -198,8 +195,8 @@ impl Model {
         features + self.memory * n + usize::from(self.intercept)
     }
 
-    /// The displayed name of a term: that of [`Term::name`], or for a memory term `s2-EMA3(s2)`, where 3 is
-    /// the number of the time constant.
+    /// The displayed name of a term: that of [`Term::name`], or for a memory term `s2-EMA3(s2)`,
+    /// where 3 is the number of the time constant.
     pub fn term_name(&self, term: &Term) -> String {
         match term.factors() {
             &[column] if usize::from(column) >= self.channels => {
@@ -219,8 +216,7 @@ impl Model {
         if self.term_count() > MAX_TERMS { Err(TooLarge { model: *self }) } else { Ok(()) }
     }
 
-    /// The displayed name: `cubic`, `cubic + offset` with an intercept, `cubic + memory + offset` with memory
-    /// terms.
+    /// The displayed name, such as `cubic + memory + offset` with memory terms and intercept.
     pub fn name(&self) -> String {
         let memory = if self.memory > 0 { " + memory" } else { "" };
         format!("{}{memory}{}", self.basis.name(), if self.intercept { " + offset" } else { "" })

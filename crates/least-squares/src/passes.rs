@@ -1,8 +1,7 @@
-//! Passes over rows in memory, on several threads.
-//!
-//! Threads take one block after another. Results of blocks are folded in block order, by whichever thread has
-//! finished the next one. Results that do not depend on order ([`Pass::ANY_ORDER`]) are summed in one state
-//! per thread and merged at the end. So the results have the same bits for any number of threads.
+//! Passes over rows in memory, on several threads, with the same bits for any number of them.
+//! Threads take one block after another; results are folded in block order, by whichever thread has
+//! finished the next one. Results that do not depend on order ([`Pass::ANY_ORDER`]) are summed in
+//! one state per thread and merged at the end.
 
 use std::collections::VecDeque;
 use std::panic::resume_unwind;
@@ -21,8 +20,8 @@ pub struct Workers<'a> {
     pub threads: usize,
     /// Called with the number of rows that a pass has just handled; returns false to cancel.
     pub watch: Option<&'a (dyn Fn(usize) -> bool + Sync)>,
-    /// Called with the number of completed folds of the physics model, or splits of a replay, and their total
-    /// number.
+    /// Called with the number of completed folds of the physics model, or splits of a replay, and
+    /// their total number.
     pub folds: Option<&'a (dyn Fn(usize, usize) + Sync)>,
     /// Called at the start of each stage of a fit, with its name.
     pub stages: Option<&'a (dyn Fn(&'static str) + Sync)>,
@@ -83,8 +82,8 @@ impl<'a> Rows<'a> {
         Self { blocks: blocks.into_iter().collect(), workers }
     }
 
-    /// Reduces every block and merges the results, in block order if the order matters. Every reduction
-    /// starts from `empty`, the result for zero rows.
+    /// Reduces every block and merges the results, in block order if the order matters. Every
+    /// reduction starts from `empty`, the result for zero rows.
     ///
     /// # Errors
     /// [`FitError`] if the pass rejects a block, or [`Workers::watch`] cancels it.
@@ -109,7 +108,7 @@ impl<'a> Rows<'a> {
     }
 }
 
-/// Splits blocks into runs of consecutive blocks. Each run except the last has at least `rows` rows.
+/// Runs of consecutive blocks, each except the last with at least `rows` rows.
 fn runs<'b>(blocks: &'b [&'b Block], rows: usize) -> Vec<&'b [&'b Block]> {
     let (mut runs, mut start, mut found) = (Vec::new(), 0, 0);
     for (at, block) in blocks.iter().enumerate() {
@@ -123,14 +122,12 @@ fn runs<'b>(blocks: &'b [&'b Block], rows: usize) -> Vec<&'b [&'b Block]> {
 }
 
 impl<'a> From<&'a [Block]> for Rows<'a> {
-    /// Uses one thread.
     fn from(blocks: &'a [Block]) -> Self {
         Self::from_blocks(blocks, Workers::ONE)
     }
 }
 
 impl<'a> From<&'a Block> for Rows<'a> {
-    /// Uses one thread.
     fn from(block: &'a Block) -> Self {
         Self::from(std::slice::from_ref(block))
     }
@@ -138,12 +135,11 @@ impl<'a> From<&'a Block> for Rows<'a> {
 
 /// The result of a pass over rows. It starts as the result for zero rows.
 pub trait Pass: Clone + Send + Sync {
-    /// True if `merge` is commutative and associative, bit for bit, so that the result does not depend on the
-    /// order and grouping of the rows.
+    /// True if `merge` is commutative and associative, bit for bit, so that the result does not
+    /// depend on the order and grouping of the rows.
     const ANY_ORDER: bool = false;
 
-    /// Number of rows to reduce together if the order matters: a merge may cost as much as adding that many
-    /// rows.
+    /// Rows to reduce together if the order matters: a merge may cost as much as adding that many.
     fn rows_together(&self) -> usize {
         1
     }
@@ -161,8 +157,8 @@ pub trait Pass: Clone + Send + Sync {
     fn merge(&mut self, later: Self) -> Result<(), FitError>;
 }
 
-/// Passes every item to `work`, on as many threads as its rows justify; see [`on_threads`]. `rows_of` returns
-/// the block of an item.
+/// Passes every item to `work`, on as many threads as its rows justify; see [`on_threads`].
+/// `rows_of` returns the block of an item.
 ///
 /// # Errors
 /// The first error of `work` or `fold` in the order of the items; [`FitError::Interrupted`] if
@@ -212,8 +208,9 @@ pub fn map_folds<I: Sync, T: Send>(
     Ok(results)
 }
 
-/// Passes every item to `work`, on any thread, and the results to `fold`, in the order of the items. Reports
-/// the rows of each item to [`Workers::watch`]. Returns the states of the threads, created by `init`.
+/// Passes every item to `work`, on any thread, and the results to `fold`, in the order of the
+/// items. Reports the rows of each item to [`Workers::watch`]. Returns the states of the threads,
+/// created by `init`.
 pub fn on_threads<I: Sync, S: Send, T: Send>(
     items: &[I],
     rows_of: impl Fn(&I) -> usize + Sync,
@@ -223,8 +220,8 @@ pub fn on_threads<I: Sync, S: Send, T: Send>(
     fold: impl FnMut(T) -> Result<(), FitError> + Send,
 ) -> Result<Vec<S>, FitError> {
     let threads = match workers.threads {
-        // A browser has no other threads. With the constant condition, the code that starts them is not
-        // compiled.
+        // A browser has no other threads. With the constant condition, the code that starts them is
+        // not compiled.
         _ if cfg!(target_family = "wasm") => 1,
         0 => *AVAILABLE_THREADS,
         threads => threads,
@@ -264,7 +261,6 @@ pub fn on_threads<I: Sync, S: Send, T: Send>(
 
 /// Folds results in order that arrive in any order.
 struct OrderedFold<T, F> {
-    /// Position of the first result that is not yet folded.
     next: usize,
     /// The results from there on; `None` for those still missing.
     waiting: VecDeque<Option<Result<T, FitError>>>,

@@ -20,8 +20,8 @@ pub struct Polynomial {
 }
 
 impl Polynomial {
-    /// Builds the model from coefficients for standardised readings, one row per [term](Model::terms), in N
-    /// and N·m per unit of the feature.
+    /// Builds the model from coefficients for standardised readings, one row per
+    /// [term](Model::terms), in N and N·m per unit of the feature.
     ///
     /// # Panics
     /// If the numbers of coefficients and terms, or of scalings and channels, differ.
@@ -41,14 +41,11 @@ impl Polynomial {
         &self.features.scaling
     }
 
-    /// The coefficients for powers of raw readings: one row per [term](Model::terms), in N and N·m per
-    /// product of counts. Labs exchange calibrations in this form, because it needs only counts, no centre or
-    /// scale. The products of shifted readings are expanded in double-double arithmetic, so each coefficient
-    /// is rounded only once. Use the shifted form for prediction; the raw form can lose digits where its
-    /// terms cancel.
-    ///
-    /// A feature is `Π (sᵢ − cᵢ)/kᵢ` over its factors. Choosing `sᵢ` or `−cᵢ` from each factor gives the raw
-    /// terms that it contributes to.
+    /// The coefficients for powers of raw readings: one row per [term](Model::terms), in N and N·m
+    /// per product of counts. Labs exchange calibrations in this form, which needs no centre or
+    /// scale; it can lose digits where terms cancel, so use the shifted form for prediction. A
+    /// feature is `Π (sᵢ − cᵢ)/kᵢ` over its factors, which is expanded in double-double, so each
+    /// coefficient is rounded only once.
     pub fn raw_coefficients(&self) -> Vec<PerAxis<f64>> {
         let terms = self.model().terms();
         let scaling = self.scaling();
@@ -79,8 +76,8 @@ impl Polynomial {
         raw.into_iter().map(|row| row.map(DoubleDouble::to_f64)).collect()
     }
 
-    /// Computes the wrench of the first `rows` rows. The sum over features uses fused multiply-adds, so the
-    /// bits are the same on any machine.
+    /// Computes the wrench of the first `rows` rows. The sum over features uses fused
+    /// multiply-adds, so the bits are the same on any machine.
     pub fn wrench(&self, readings: &[Vec<f64>], rows: usize, wrench: &mut PerAxis<Vec<f64>>) {
         wrench.iter_mut().for_each(|axis| axis.resize(rows, 0.0));
         convert(self, readings, rows, wrench);
@@ -107,8 +104,8 @@ vectorised! {
         for start in (0..rows).step_by(LANES) {
             polynomial.features.lanes(readings, start, &mut features);
             let mut sums = [[0.0; LANES]; 6];
-            // Two vectors of rows at a time. Their twelve sums fit in registers and are enough to hide the
-            // latency of additions.
+            // Two vectors of rows at a time. Their twelve sums fit in registers and are enough to
+            // hide the latency of additions.
             for vector in (0..LANES / S::F64_LANES).step_by(2) {
                 let mut vectors = [[simd.splat_f64s(0.0); 2]; 6];
                 for (feature, coefficients) in features.iter().zip(&polynomial.coefficients) {

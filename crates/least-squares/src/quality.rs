@@ -1,6 +1,4 @@
-//! The quality of a calibration: errors against a measured wrench, and noise at zero load.
-//!
-//! All values come from a [`RunningVariance`], computed block by block and merged.
+//! The quality of a calibration: errors against a measured wrench, block by block.
 
 use shell_data::statistics::RunningVariance;
 use shell_data::vectorised;
@@ -23,8 +21,8 @@ pub struct AxisQuality {
     pub max: Option<f64>,
     /// Mean error, predicted minus measured.
     pub bias: f64,
-    /// Coefficient of determination, 1 − Σ error² / Σ (measured − mean)²; absent if the measured wrench is
-    /// constant.
+    /// Coefficient of determination, 1 − Σ error² / Σ (measured − mean)²; absent if the measured
+    /// wrench is constant.
     pub r_squared: Option<f64>,
 }
 
@@ -115,7 +113,6 @@ vectorised! {
     }
 }
 
-/// Number of parallel sums.
 const LANES: usize = 16;
 
 #[cfg(test)]

@@ -9,16 +9,16 @@ pub struct RandomSplit {
     /// Number of folds that all rows are assigned to.
     #[serde(rename = "random_folds")]
     pub folds: usize,
-    /// Number of folds that are summed, to be held out. From some thousand rows, two of ten folds determine
-    /// an error to 1 %, at a fifth of the work.
+    /// Number of folds that are summed, to be held out. From some thousand rows, two of ten folds
+    /// determine an error to 1 %, at a fifth of the work.
     #[serde(rename = "held_out_folds")]
     pub held_out: usize,
     /// The seed of the assignment.
     pub seed: u64,
 }
 
-/// The rows of each held-out fold. The fold of a row is a hash of its values and the seed, so equal rows are
-/// always in the same fold, however a log is divided into blocks and whatever other columns it has.
+/// The rows of each held-out fold. A row's fold is a hash of its values and the seed: equal rows
+/// share a fold, whatever the blocks and other columns of a log.
 pub fn assign(block: &Block, split: &RandomSplit) -> Vec<Vec<usize>> {
     let mut assigned = vec![Vec::new(); split.held_out];
     if split.held_out == 0 {

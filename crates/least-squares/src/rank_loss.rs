@@ -1,7 +1,5 @@
-//! The channels and features that cause a loss of rank.
-//!
-//! Determined from the R factor of the QR factorisation alone: its columns have the same lengths and angles
-//! as the columns of features, so channels can be compared without the rows.
+//! The channels and features that cause a loss of rank, from the R factor alone: its columns have
+//! the lengths and angles of the columns of features, so channels can be compared without the rows.
 
 use std::fmt;
 
@@ -34,8 +32,7 @@ pub enum Dependence {
         /// Value of the second channel where the first is 0.
         offset: f64,
     },
-    /// A combination of features that is always zero: each feature with its coefficient, the largest being
-    /// one.
+    /// Features with coefficients, the largest being one, whose sum is always zero.
     Combination(Vec<(Term, f64)>),
     /// A feature that is a combination of others, found in integer arithmetic.
     Relation(Relation),
@@ -46,8 +43,8 @@ pub enum Dependence {
 pub struct Relation {
     /// The feature.
     pub feature: Term,
-    /// The features whose sum it is, with their coefficients in counts, simplest features first. Empty, and
-    /// not [`Self::exact`], if the coefficients are not fractions of moderate size.
+    /// The features whose sum it is, with their coefficients in counts, simplest features first.
+    /// Empty, and not [`Self::exact`], if the coefficients are not fractions of moderate size.
     pub shares: Vec<(Term, f64)>,
     /// True if the relation was found and checked in exact integers.
     pub exact: bool,
@@ -64,18 +61,16 @@ pub struct RankLoss {
     pub dependences: Vec<Dependence>,
 }
 
-/// Relative distance below which a column counts as a combination of two others. Rounding in the
-/// factorisation is some hundred times smaller; one count in a 16-bit reading is a billion times larger.
+/// Relative distance below which a column is a combination of two others. Rounding is some hundred
+/// times smaller; one count in a 16-bit reading is a billion times larger.
 const SAME_LINE: f64 = 1e-13;
 
 /// Coefficients of a combination below this are rounding errors and omitted.
 const NEGLIGIBLE_SHARE: f64 = 1e-6;
 
 impl RankLoss {
-    /// Explains a rank loss.
-    ///
-    /// `r` is the p × p R factor of the features; `null_space`, p × (p − rank), contains directions in which
-    /// its columns, scaled to norm one, cancel.
+    /// Explains a rank loss. `r` is the p × p R factor of the features; `null_space`, p × (p −
+    /// rank), contains directions in which its columns, scaled to norm one, cancel.
     pub fn explain(
         features: &Features,
         ranges: &ReadingRanges,
@@ -95,7 +90,8 @@ impl RankLoss {
         Self { rank: features.len() - null_space.ncols(), features: features.len(), dependences }
     }
 
-    /// Explains a rank loss by relations that were found in integers. Omits relations of constant channels.
+    /// Explains a rank loss by relations that were found in integers. Omits relations of constant
+    /// channels.
     pub(crate) fn from_relations(
         rank: usize,
         features: usize,
@@ -153,8 +149,8 @@ fn line(
     (distance <= SAME_LINE * y.norm_l2()).then_some((slope, y_mean - slope * x_mean))
 }
 
-/// A basis of the same space in which each direction has a feature that no other direction has: Gauss–Jordan
-/// elimination on columns, with the largest remaining element as the pivot.
+/// A basis of the same space in which each direction has a feature that no other direction has:
+/// Gauss–Jordan elimination on columns, with the largest remaining element as the pivot.
 fn echelon(mut v: Mat<f64>) -> Mat<f64> {
     for k in 0..v.ncols() {
         let pivots = (k..v.ncols()).flat_map(|j| (0..v.nrows()).map(move |i| (i, j)));
@@ -187,7 +183,6 @@ fn shares(terms: &[Term], direction: ColRef<'_, f64>) -> Vec<(Term, f64)> {
 }
 
 impl Dependence {
-    /// The constant channels, and a dependence for each.
     fn constants(ranges: &ReadingRanges) -> (Vec<usize>, Vec<Self>) {
         let constant = ranges.constant_channels();
         let of = |&channel: &usize| Dependence::Constant {
@@ -205,7 +200,7 @@ impl Relation {
         self.shares.iter().find(|(t, _)| *t == term).map_or(0.0, |&(_, share)| share)
     }
 
-    /// Returns the values if the relation means that `s_j − s_i`, or `s_j` itself, has only two values.
+    /// Values if the relation means that `s_j − s_i`, or `s_j` itself, has only two.
     fn two_values(&self) -> Option<(Vec<u8>, f64, f64)> {
         let j = *self.feature.factors().first().filter(|j| self.feature.factors() == [**j; 2])?;
         // d² = (a + b)·d − a·b for d = s_j or d = s_j − s_i.

@@ -1,7 +1,5 @@
-//! The range of the readings that a calibration has seen: the number of rows, and the range of each channel.
-//!
-//! Determined in the same pass as the fit, for any solver. It shows where a calibration can be trusted, and
-//! names channels that never moved.
+//! The range of the readings that a calibration has seen, which shows where it can be trusted and
+//! which channels never moved. Determined in the same pass as the fit.
 
 /// The smallest and the largest reading of one channel, in counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]

@@ -1,25 +1,25 @@
-//! The scatter of coefficients if errors are correlated within groups of rows, from sums over the groups.
+//! The scatter of coefficients if errors are correlated within groups of rows, from sums over the
+//! groups.
 //!
-//! Let `F·Fᵀ = A⁻¹`, with `A = XᵀX` over all rows. For each group of rows with the Gram matrix `A_g` and the
-//! score `s_g = X_gᵀ(W_g − X_g·C)`,
+//! Let `F·Fᵀ = A⁻¹`, with `A = XᵀX` over all rows. For each group of rows with the Gram matrix
+//! `A_g` and the score `s_g = X_gᵀ(W_g − X_g·C)`, and each axis,
 //!
 //! ```text
 //! K_g = FᵀA_gF    u_g = Fᵀs_g    v_g = (I − K_g)^(−½)·u_g
 //! cov(C) = F·(Σ v_g·v_gᵀ)·Fᵀ
 //! ```
 //!
-//! for each axis. This is the sandwich estimator over clusters with the correction CR2 of Bell and McCaffrey
-//! (Survey Methodology 28, 2002, p. 169), who use the residuals `(I − H_g)^(−½)·e_g`, `H_g = X_gA⁻¹X_gᵀ`.
-//! `A_g` and `s_g` are sufficient because `Xᵀ·f(X·A⁻¹·Xᵀ) = f(XᵀX·A⁻¹)·Xᵀ`. Likewise
+//! This is the sandwich estimator over clusters with the correction CR2 of Bell and McCaffrey
+//! (Survey Methodology 28, 2002, p. 169), who use the residuals `(I − H_g)^(−½)·e_g`,
+//! `H_g = X_gA⁻¹X_gᵀ`. `A_g` and `s_g`, from exact sums or R factors, are sufficient because
+//! `Xᵀ·f(X·A⁻¹·Xᵀ) = f(XᵀX·A⁻¹)·Xᵀ`. Likewise
 //!
 //! ```text
 //! Σ e_gᵀ(I − H_g)⁻¹e_g = Σ eᵀe + Σ u_gᵀ(I − K_g)⁻¹u_g
 //! ```
 //!
-//! whose mean over all rows is the variance of one row. It is unbiased if errors are independent, and also if
-//! a group has one and the same error and equal readings.
-//!
-//! The source of `K_g` and `u_g`, exact sums or R factors, does not matter here.
+//! whose mean over all rows is the variance of one row. It is unbiased if errors are independent,
+//! and also if a group has one and the same error and equal readings.
 
 use faer::{Accum, ColRef, Mat, MatRef, RowRef};
 
@@ -45,8 +45,8 @@ const LARGEST_DEFECT: f64 = 1e-4;
 pub struct GroupScatter {
     /// Number of groups with rows.
     pub groups: usize,
-    /// For each axis an upper triangular `T`, `T·Tᵀ = cov(C)`. Rows are features of centred and scaled
-    /// readings, in N and N·m.
+    /// For each axis an upper triangular `T`, `T·Tᵀ = cov(C)`. Rows are features of centred and
+    /// scaled readings, in N and N·m.
     pub factors: PerAxis<Mat<f64>>,
     /// `Σ e_gᵀ(I − H_g)⁻¹e_g`, in products of N and N·m.
     pub residual_products: PerAxis<PerAxis<f64>>,
@@ -63,7 +63,6 @@ impl GroupScatter {
     }
 }
 
-/// The sums for the scatter of a fit while groups are being added.
 #[derive(Debug)]
 pub(crate) struct ScatterSums {
     groups: usize,
@@ -80,17 +79,14 @@ pub(crate) struct ScatterSums {
     moments: Vec<Moments>,
 }
 
-/// The part of a group in the scatter.
 pub(crate) struct Part {
     /// `v_g` for each axis.
     scores: Scores,
-    /// One for each coefficient whose degrees of freedom are requested.
     influences: Vec<Influence>,
 }
 
 impl ScatterSums {
-    /// Starts the sums for a solution, before any group, with the degrees of freedom of `coefficients`
-    /// coefficients.
+    /// Starts before any group, with the degrees of freedom of `coefficients` coefficients.
     pub(crate) fn new(solution: &Solution, coefficients: usize) -> Self {
         let (features, products) = (solution.factor.nrows(), &solution.residual_products);
         // Without a ridge, and if no direction was dropped, the `K_g` must add up to the identity.
@@ -109,7 +105,6 @@ impl ScatterSums {
         }
     }
 
-    /// Subtracts the `K_g` of groups from the defect.
     pub(crate) fn take_off(&mut self, shares: &SymmetricMatrix) {
         let Some(defect) = &mut self.defect else { return };
         for i in 0..shares.size {
@@ -140,7 +135,8 @@ impl ScatterSums {
     /// The scatter, after all groups. The units of `F` determine the units of the covariance.
     ///
     /// # Errors
-    /// [`FitError`] if one group alone determines a coefficient, or the features are too nearly dependent.
+    /// [`FitError`] if one group alone determines a coefficient, or the features are too nearly
+    /// dependent.
     pub(crate) fn finish(self, factor: &UpperTriangle) -> Result<GroupScatter, FitError> {
         let features = factor.size();
         if let Some(defect) = &self.defect {
@@ -170,11 +166,9 @@ impl ScatterSums {
     }
 }
 
-/// Computes the part of a group from `K_g`, features × features, `u_g`, and the `y` of
-/// [`coefficients`](crate::satterthwaite::coefficients); `None` if the group determines a direction alone.
-///
-/// # Errors
-/// [`FitError::NearlyDependent`].
+/// The part of a group from `K_g`, features × features, `u_g`, and the `y` of
+/// [`coefficients`](crate::satterthwaite::coefficients); `None` if the group determines a direction
+/// alone.
 pub(crate) fn corrected(
     share: &SymmetricMatrix,
     score: Scores,
@@ -192,12 +186,9 @@ pub(crate) fn corrected(
     }))
 }
 
-/// Computes the part of a group from `M`, rows × features, and `e`, rows × axes, with `K_g = MᵀM` and `u_g =
-/// Mᵀe`. With fewer rows than features it uses `(I − K_g)^(−½)·Mᵀ = Mᵀ·(I − M·Mᵀ)^(−½)`. Also returns `K_g`,
-/// if it was computed or `wants_share` is true.
-///
-/// # Errors
-/// [`FitError::NearlyDependent`].
+/// The part of a group from `M`, rows × features, and `e`, rows × axes, with `K_g = MᵀM` and
+/// `u_g = Mᵀe`. With fewer rows than features it uses `(I − K_g)^(−½)·Mᵀ = Mᵀ·(I − M·Mᵀ)^(−½)`.
+/// Also returns `K_g`, if it was computed or `wants_share` is true.
 pub(crate) fn corrected_rows(
     rows: MatRef<'_, f64>,
     misfit: MatRef<'_, f64>,
@@ -242,10 +233,7 @@ struct Correction {
 }
 
 impl Correction {
-    /// The correction of `share`, `K`; `None` if an eigenvalue of `I − K` is too small.
-    ///
-    /// # Errors
-    /// [`FitError::NearlyDependent`].
+    /// For `share`, `K`; `None` if an eigenvalue of `I − K` is too small.
     fn new(share: SymmetricMatrix) -> Result<Option<Self>, FitError> {
         let eigen = share.eigen().ok_or(FitError::NearlyDependent)?;
         let rest: Vec<f64> = eigen.values.iter().map(|value| 1.0 - value.max(0.0)).collect();
@@ -261,7 +249,6 @@ impl Correction {
     }
 }
 
-/// Computes `M·x`.
 fn rows_times(rows: MatRef<'_, f64>, x: &[f64]) -> Vec<f64> {
     let of_row = |row: RowRef<'_, f64>| row.iter().zip(x).map(|(m, x)| m * x).sum();
     rows.row_iter().map(of_row).collect()

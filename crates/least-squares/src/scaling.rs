@@ -1,9 +1,7 @@
-//! Shift and scale of readings before powers are computed.
-//!
-//! Raw cubic features of 12-bit readings span ten orders of magnitude and are nearly collinear; relative to
-//! their mean they are not. The shift is an integer and the scale a power of two, so for integer readings of
-//! up to 16 bits every feature is an exact `f64`. A calibration is then a least-squares fit to exactly the
-//! recorded numbers.
+//! Shift and scale of readings before powers are computed. Raw cubic features of 12-bit readings
+//! span ten orders of magnitude and are nearly collinear; relative to their mean they are not. The
+//! shift is an integer and the scale a power of two, so every feature of integer readings of up to
+//! 16 bits is an exact `f64`.
 
 use shell_data::statistics::extremes;
 
@@ -22,17 +20,14 @@ impl Scaling {
         Self { centre: vec![0.0; channels], scale: vec![1.0; channels] }
     }
 
-    /// Chooses centre and scale from a sample of the readings, one column per channel.
-    ///
-    /// The centre is the rounded mean. The scale is the next power of two above the largest distance from the
-    /// centre, so |z| ≤ 1 over the sample. Without an intercept the centre is zero: the powers of a shifted
-    /// reading span the powers of the reading only together with a constant, so a shift would change the
-    /// model and not only its basis.
+    /// Chooses centre and scale from a sample of the readings, one column per channel. The centre
+    /// is the rounded mean; the scale is the next power of two above the largest distance from it,
+    /// so |z| ≤ 1 over the sample. Without an intercept the centre is zero: powers of a shifted
+    /// reading span those of the reading only together with a constant.
     pub fn from_sample(readings: &[Vec<f64>], intercept: bool) -> Self {
         Self::from_channels(readings.iter().map(|column| ChannelSample::new(column)), intercept)
     }
 
-    /// Chooses centre and scale from a summary of all rows.
     pub(crate) fn from_channels(
         channels: impl Iterator<Item = ChannelSample>,
         intercept: bool,
@@ -47,7 +42,6 @@ impl Scaling {
     }
 }
 
-/// A summary of the readings of a channel.
 pub(crate) struct ChannelSample {
     pub(crate) min: f64,
     pub(crate) max: f64,
@@ -62,8 +56,8 @@ impl ChannelSample {
         Self { min, max, mean, integers: column.iter().all(|s| s.fract() == 0.0) }
     }
 
-    /// The mean, rounded to an integer. If readings have decimals and stay within a few counts, it is rounded
-    /// to a power-of-two fraction of their range, which keeps the subtraction exact.
+    /// The mean, rounded to an integer. If readings have decimals and stay within a few counts, it
+    /// is rounded to a power-of-two fraction of their range, which keeps the subtraction exact.
     fn rounded_mean(&self) -> f64 {
         let Self { min, max, mean, integers } = *self;
         if min > max {

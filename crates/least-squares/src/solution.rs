@@ -11,8 +11,8 @@ use crate::symmetric::{SymmetricMatrix, UpperTriangle, add_multiple, product};
 use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
 
-/// Coefficients with their covariance factors and diagnostics. Rows and columns of features are in the order
-/// of [`Model::terms`]; axes are in the order of [`shell_data::wrench::Axis::ALL`].
+/// Coefficients with their covariance factors and diagnostics. Rows and columns of features are in
+/// the order of [`Model::terms`]; axes are in the order of [`shell_data::wrench::Axis::ALL`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solution {
     /// The features.
@@ -50,13 +50,13 @@ impl Solution {
         }
     }
 
-    /// The solution without some of its rows, from its factor alone (downdating by Woodbury's identity). With
-    /// the features `X` of these rows, their errors `E` and `Uᵀ·U = I − (X·F)ᵀ·(X·F)`, the new factor is
-    /// `F·U⁻¹`. Condition number and rank stay unchanged.
-    ///
-    /// `None` if these rows alone determine some of the coefficients, so that too few digits would remain.
+    /// The solution without some of its rows, from its factor alone (downdating by Woodbury's
+    /// identity). With the features `X` of these rows, their errors `E` and
+    /// `Uᵀ·U = I − (X·F)ᵀ·(X·F)`, the new factor is `F·U⁻¹`. Condition number and rank stay
+    /// unchanged. `None` if these rows alone determine some of the coefficients, so that too few
+    /// digits would remain.
     pub fn without(&self, rows: &Block) -> Option<Self> {
-        /// The smallest remaining fraction of a direction of the features, squared: eight digits of sixteen.
+        /// Remaining share of a direction, squared: eight digits of sixteen.
         const LEAST_LEFT: f64 = 1e-8;
         let features = Features::new(self.model, self.scaling.clone());
         let count = features.len();

@@ -1,7 +1,5 @@
-//! From rows to coefficients: the common part of all solvers.
-//!
-//! A solver reduces blocks of rows to partial fits, merges partial fits in the order of the rows and solves
-//! the result. Memory does not grow with the number of rows, and blocks may be reduced on several threads.
+//! From rows to coefficients: the common part of all solvers. A solver reduces blocks of rows to
+//! partial fits, merges them in the order of the rows and solves the result.
 
 pub use crate::methods::SolverKind;
 pub use crate::passes::{Pass, Rows, Workers};
@@ -29,11 +27,9 @@ pub struct FitProblem {
     pub ridge: f64,
 }
 
-/// Sums over the readings of all rows. They determine centre and scale if the result depends on them.
-///
-/// A least-squares fit is the same for any centre. A ridge fit is not, because it penalises the coefficients
-/// of the powers of readings relative to the centre. With the mean of a sample the result would depend on the
-/// order of the rows; with the mean of all rows it does not.
+/// Sums over the readings of all rows, which give centre and scale to a ridge fit. A ridge
+/// penalises the coefficients of powers relative to the centre; with the mean of a sample the
+/// result would depend on the order of the rows.
 #[derive(Clone, Debug)]
 pub struct ReadingSums {
     ranges: ReadingRanges,
@@ -86,7 +82,7 @@ impl Pass for ReadingSums {
     }
 }
 
-/// Fits the calibration of `problem` with the given solver. Also returns the ranges of the fitted readings.
+/// Fits `problem` with the given solver. Also returns the ranges of the fitted readings.
 ///
 /// # Errors
 /// [`FitError`] if the rows do not determine the coefficients, or not for this solver.

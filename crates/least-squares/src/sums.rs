@@ -6,8 +6,8 @@
 //! | [R factors](crate::factored) | any | the other groups are merged | sums of rounded products would cancel |
 //! | copies of rows | any, with a solver that clips them | the others are fitted again | the clipped rows differ from fit to fit |
 //!
-//! [`RowSums`] and [`GroupedSums`] fit, hold groups out, choose a model and compute a covariance for any
-//! kind.
+//! [`RowSums`] and [`GroupedSums`] fit, hold groups out, choose a model and compute a covariance
+//! for any kind.
 
 use std::collections::HashSet;
 use std::ops::Range;
@@ -168,8 +168,8 @@ pub enum GroupedSums {
     Exact(SumsByGroup),
     /// R factors.
     Factored(FactoredGroups),
-    /// The rows with their labels, for Huber's estimator: the weight of a row depends on the fit, so sums of
-    /// rows that one fit has clipped do not apply to a fit without a group.
+    /// The rows with their labels, for Huber's estimator: the weight of a row depends on the fit,
+    /// so sums of rows that one fit has clipped do not apply to a fit without a group.
     Rows(Block),
 }
 
@@ -227,8 +227,8 @@ impl GroupedSums {
         matches!(self, Self::Rows(_))
     }
 
-    /// The errors of `model` with λ = `ridge` on each group, or each of `folds` folds of groups, each from a
-    /// fit without it.
+    /// The errors of `model` with λ = `ridge` on each group, or each of `folds` folds of groups,
+    /// each from a fit without it.
     ///
     /// # Errors
     /// [`FitError`] if there are too few groups, or no fold leaves enough rows to fit;
@@ -246,13 +246,13 @@ impl GroupedSums {
         }
     }
 
-    /// Compares all families of features within those kept by their errors on folds of groups, each with
-    /// `ridges` and, if the largest is best, larger ones. R factors give no advice, because computing the
-    /// errors on each fold twice is too expensive.
+    /// Compares all families of features within those kept by their errors on folds of groups, each
+    /// with `ridges` and, if the largest is best, larger ones. R factors give no advice, because
+    /// computing the errors on each fold twice is too expensive.
     ///
     /// # Errors
-    /// [`FitError`] if there are too few groups, or no model can be fitted; [`FitError::NoGroupSums`] if the
-    /// rows themselves were kept.
+    /// [`FitError`] if there are too few groups, or no model can be fitted;
+    /// [`FitError::NoGroupSums`] if the rows themselves were kept.
     pub fn select(
         &self,
         intercept: bool,
@@ -269,8 +269,9 @@ impl GroupedSums {
         }
     }
 
-    /// A comparison of `model` with the smaller models within it; `None` if there are none, if `model` cannot
-    /// be fitted without one of the folds, or if the comparison would take as long as the fit.
+    /// A comparison of `model` with the smaller models within it; `None` if there are none, if
+    /// `model` cannot be fitted without one of the folds, or if the comparison would take as long
+    /// as the fit.
     ///
     /// # Errors
     /// As [`select`](Self::select).
@@ -284,9 +285,9 @@ impl GroupedSums {
         Ok(given.map(|given| Advice::new(&tried, Some(given))))
     }
 
-    /// The covariance of a solution by `method` of all these rows, with errors that are correlated within
-    /// groups. `ridge` is the requested value. If groups are blocks of time, `stretches` lists the ranges
-    /// of groups that are held out together; exact sums hold out each group alone.
+    /// The covariance of a solution by `method` of all these rows, with errors that are correlated
+    /// within groups. `ridge` is the requested value. If groups are blocks of time, `stretches`
+    /// lists the ranges of groups that are held out together; exact sums hold out each group alone.
     ///
     /// # Errors
     /// [`FitError`] if there are too few groups, or the model cannot be fitted without one of them.

@@ -1,5 +1,5 @@
-//! Inner products and multiples of columns, compiled for the widest vectors of the machine, and products of a
-//! matrix with itself.
+//! Inner products and multiples of columns, compiled for the widest vectors of the machine, and
+//! products of a matrix with itself.
 
 use faer::linalg::matmul::triangular::{BlockStructure, matmul};
 use faer::{Accum, MatMut, MatRef, Par};

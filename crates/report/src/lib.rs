@@ -1,9 +1,9 @@
-//! HTML reports: of a batch of trials, with tables, zoomable figures and the command that reproduces it; and
-//! of a calibration.
+//! HTML reports of a batch of trials and of a calibration, with the command that reproduces them.
 //!
-//! A file needs no network: it contains the style, the script and the plotting library (plotly.js, MIT), and
-//! a content security policy forbids everything else. All text from files (names, conditions, notes,
-//! messages) is escaped in HTML (`markup`); in the JSON of the numbers, `<` becomes `\u003c`.
+//! A file needs no network: it contains the style, the script and the plotting library (plotly.js,
+//! MIT), and a content security policy forbids everything else. Text from files (names, conditions,
+//! notes, messages) is escaped in HTML (`markup`); in the JSON of the numbers, `<` becomes
+//! `\u003c`.
 
 mod markup;
 mod numbers;
@@ -32,13 +32,12 @@ const MOST_TRACES: usize = 100;
 #[derive(Clone, Debug)]
 pub struct Report<'a> {
     pub heading: Heading<'a>,
-    /// The results, in the manifest's order, with a thinned trace of each log that is to be plotted.
+    /// The results, in the manifest's order, with a thinned trace of each log that is to be
+    /// plotted.
     pub trials: &'a [TrialResult],
     /// Trials that could not be evaluated: file and reason.
     pub failed: &'a [(String, String)],
-    /// The statistics by condition, in display order.
     pub conditions: &'a [ConditionRow],
-    /// Drag and lift over a stride, by condition.
     pub phases: &'a [(String, PhaseProfile)],
     /// The settings of the evaluation: name and value.
     pub settings: &'a [(String, String)],
@@ -47,49 +46,39 @@ pub struct Report<'a> {
     /// Length of the robot, m, if known; used to shade entry and exit.
     pub robot_length_m: Option<f64>,
     pub channel_length_m: f64,
-    /// The input files.
     pub inputs: &'a [Input],
     /// Rows in the windows with an unreliable reading; `None` without forces.
     pub doubtful: Option<OutlierTable>,
-    /// Warnings that do not belong to a single trial.
     pub warnings: &'a [String],
 }
 
-/// An input file.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Input {
     /// Its role: "log", "manifest", "calibration", "profile".
     pub role: String,
-    /// The path as it was given.
     pub path: String,
     pub bytes: u64,
     /// The checksum from `log_file::checksum`.
     pub checksum: String,
 }
 
-/// Unreliable rows.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct OutlierTable {
-    /// The rows shown.
     pub rows: Vec<OutlierRow>,
-    /// Number of all rows.
     pub count: usize,
     /// True if they were omitted from the evaluation.
     pub left_out: bool,
 }
 
-/// An unreliable row.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OutlierRow {
     pub file: String,
     /// The line, or the row of a table.
     pub line: u64,
-    /// The problem.
     pub what: String,
 }
 
 impl OutlierTable {
-    /// A sentence about the rows, and a table of them.
     fn html(&self, sentence: &str, caption: &str) -> String {
         if self.count == 0 {
             return "<p>None was found.</p>\n".to_owned();
@@ -108,13 +97,11 @@ impl OutlierTable {
 }
 
 impl Report<'_> {
-    /// The statistics of a quantity over trials or strides.
     fn of(&self, quantity: Quantity, per: Per) -> Vec<&ConditionRow> {
         let is_wanted = |row: &&ConditionRow| row.quantity == quantity && row.per == per;
         self.conditions.iter().filter(is_wanted).collect()
     }
 
-    /// The reference condition, if there is one.
     fn reference(&self) -> Option<&str> {
         self.conditions.iter().find_map(|row| Some(&*row.difference.as_ref()?.reference))
     }

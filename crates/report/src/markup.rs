@@ -39,7 +39,6 @@ impl Column {
         Self { name: name.to_owned(), class, cells }
     }
 
-    /// A column of names.
     pub(super) fn text(name: &str, cells: impl IntoIterator<Item: ToString>) -> Self {
         Self::new(name, "text", cells)
     }
@@ -49,7 +48,6 @@ impl Column {
         Self::new(name, "text long", cells)
     }
 
-    /// A column of formatted numbers.
     pub(super) fn numbers(name: &str, cells: impl IntoIterator<Item: ToString>) -> Self {
         Self::new(name, "", cells)
     }
@@ -94,7 +92,6 @@ pub(super) fn facts_table<N: ToString>(caption: &str, facts: &[(N, String)]) -> 
     table(caption, &[Column::text("what", names), Column::long("value", values)])
 }
 
-/// The command line that reproduces a report.
 pub(super) fn reproduction(command: &str) -> String {
     format!("<pre><code>{}</code></pre>\n", escape(command))
 }
@@ -108,7 +105,7 @@ pub(super) fn plot_figure(id: &str, class: &str, alt: &str, caption: &str) -> St
     )
 }
 
-/// A finished picture. It has a white background on any page, and a scroll box if it is wider than the page.
+/// White on any page, with a scroll box if it is wider than the page.
 pub(super) fn drawing(id: &str, svg: &str, alt: &str, caption: &str) -> String {
     let (alt, caption) = (escape(alt), escape(caption));
     // The root element gets the alternative text; HTML does not allow an XML declaration.
@@ -123,7 +120,6 @@ pub(super) fn drawing(id: &str, svg: &str, alt: &str, caption: &str) -> String {
     )
 }
 
-/// A collapsed section with a title, for details.
 pub(super) fn folded(title: &str, content: &str) -> String {
     format!("<details>\n<summary>{}</summary>\n{content}</details>\n", escape(title))
 }
@@ -133,20 +129,16 @@ pub(super) fn capital(text: &str) -> String {
     letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())
 }
 
-/// The title and the origin of a report.
 #[derive(Clone, Copy, Debug)]
 pub struct Heading<'a> {
     pub title: &'a str,
-    /// Program and version.
     pub made_by: &'a str,
-    /// Date and time, UTC, RFC 3339.
     pub date: &'a str,
     /// The command line that reproduces the report.
     pub command: &'a str,
 }
 
 impl Heading<'_> {
-    /// Program and date.
     pub(super) fn made(&self) -> String {
         format!("{}, {}.", self.made_by, self.date)
     }
@@ -155,9 +147,9 @@ impl Heading<'_> {
 /// A section of a report: its anchor, its heading, and HTML, which is empty for an omitted section.
 pub(super) type PageSection = (&'static str, &'static str, String);
 
-/// The content of a file with the text `subtitle` below its title. `script` contains the script elements and
-/// a fallback for pages without scripts. The file needs no network, and a content security policy forbids
-/// everything that it does not contain.
+/// The content of a file with the text `subtitle` below its title. `script` contains the script
+/// elements and a fallback for pages without scripts. The file needs no network, and a content
+/// security policy forbids everything that it does not contain.
 pub(super) fn page(
     heading: Heading<'_>,
     subtitle: &str,

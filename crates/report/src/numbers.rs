@@ -1,7 +1,5 @@
-//! The numbers behind a report's interactive plots, as `report.js` expects them.
-//!
-//! Traces are plotted frame by frame ([`Trace::thinned`]), at some 60 kB per trial. Numbers have five digits,
-//! more than a screen can show.
+//! Numbers behind a report's interactive plots, for `report.js`. Traces are plotted frame by frame
+//! ([`Trace::thinned`]), at some 60 kB per trial; five digits are more than a screen can show.
 
 use std::f64::consts::TAU;
 
@@ -13,7 +11,6 @@ use super::{MOST_TRACES, Report};
 use figures::trial::{Passage, smoothed, stride_s};
 use trial::{ConditionRow, Per, PhaseForce, PhaseProfile, Quantity, Trace, TrialResult};
 
-/// The plots of a report.
 pub(super) struct Plots {
     /// At most one.
     pub(super) effects: Vec<Plot>,
@@ -23,7 +20,6 @@ pub(super) struct Plots {
     pub(super) trials: Vec<Value>,
 }
 
-/// A plot: its numbers, its alternative text and its caption.
 pub(super) struct Plot {
     numbers: Value,
     pub(super) alt: String,
@@ -63,8 +59,8 @@ impl Plots {
     }
 }
 
-/// Means with confidence intervals, of the conditions or of their differences from the reference. The
-/// quantity is drag energy or, without it, the first one available.
+/// Means with confidence intervals, of the conditions or of their differences from the reference.
+/// The quantity is drag energy or, without it, the first one available.
 fn effect(report: &Report<'_>) -> Option<Plot> {
     let mut found = Quantity::COMPARED.into_iter().map(|of| (of, report.of(of, Per::Trial)));
     let (quantity, rows) = found.find(|(_, rows)| !rows.is_empty())?;

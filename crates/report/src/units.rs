@@ -14,7 +14,7 @@ pub(super) struct ColumnUnit {
 }
 
 impl ColumnUnit {
-    /// The unit in which the largest of the values has one to three digits before the decimal point.
+    /// The largest value has one to three digits before the decimal point.
     pub(super) fn new(unit: &str, values: impl IntoIterator<Item = f64>) -> Self {
         let finite = values.into_iter().filter(|value| value.is_finite());
         let largest = finite.fold(0.0, |largest: f64, value| largest.max(value.abs()));
@@ -28,7 +28,6 @@ impl ColumnUnit {
         Self { factor, unit: format!("{prefix}{unit}") }
     }
 
-    /// A name with the unit.
     pub(super) fn name(&self, name: &str) -> String {
         match self.unit.as_str() {
             "" => name.to_owned(),
@@ -36,8 +35,8 @@ impl ColumnUnit {
         }
     }
 
-    /// A value and its interval, `12.3 ± 0.4`, or `12.3 +0.5 −0.3` if the sides differ. The interval has two
-    /// digits, and the value the same number of decimals.
+    /// A value and its interval, `12.3 ± 0.4`, or `12.3 +0.5 −0.3` if the sides differ. The
+    /// interval has two digits, and the value the same number of decimals.
     pub(super) fn estimate(&self, value: Option<f64>, interval: Option<Interval>) -> String {
         let value = value.map(|value| value * self.factor);
         let Some((value, interval)) = value.zip(interval) else { return significant(value, 3) };
@@ -65,7 +64,6 @@ impl ColumnUnit {
         self.estimate(difference.map(|d| d.mean), difference.and_then(|d| d.mean_95))
     }
 
-    /// A value in three digits.
     pub(super) fn value(&self, value: Option<f64>) -> String {
         significant(value.map(|value| value * self.factor), 3)
     }
@@ -77,7 +75,6 @@ impl ColumnUnit {
 }
 
 impl Column {
-    /// A column of values in the unit that suits them.
     pub(super) fn measured(
         name: &str,
         unit: &str,
@@ -88,11 +85,9 @@ impl Column {
     }
 }
 
-/// The units of forces and of moments.
 pub(super) struct AxisUnits([ColumnUnit; 2]);
 
 impl AxisUnits {
-    /// The units that suit these values of each axis.
     pub(super) fn new(figures: impl Fn(Axis) -> Vec<f64>) -> Self {
         Self([&Axis::ALL[..3], &Axis::ALL[3..]].map(|axes| {
             ColumnUnit::new(axes[0].unit(), axes.iter().flat_map(|&axis| figures(axis)))
@@ -103,7 +98,6 @@ impl AxisUnits {
         &self.0[axis.index() / 3]
     }
 
-    /// A column with one value per axis.
     pub(super) fn column(
         &self,
         name: &str,
@@ -113,13 +107,11 @@ impl AxisUnits {
         Column::numbers(name, axes.iter().map(|axis| self.of(axis).value(value(axis))))
     }
 
-    /// A column with the unit of each axis.
     pub(super) fn units(&self, axes: Axes) -> Column {
         Column::text("unit", axes.iter().map(|axis| &self.of(axis).unit))
     }
 }
 
-/// A column of axis names.
 pub(super) fn axis_names(axes: Axes) -> Column {
     Column::text("axis", axes.iter().map(Axis::name))
 }

@@ -1,5 +1,4 @@
-//! A physics model as a calibration: its inversion with error estimates from held-out groups, and
-//! cross-validation of the whole procedure.
+//! Inversion of a physics model with error estimates from held-out groups, and cross-validation.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -25,14 +24,12 @@ const MOST_SCORED: usize = 64;
 #[derive(Clone, Debug, PartialEq)]
 pub struct PhysicsCalibration {
     inversion: Inversion,
-    /// Factor for the model's standard errors on each axis: the root mean square of held-out errors in units
-    /// of these standard errors.
+    /// Factor for the model's standard errors: RMS of held-out errors in these standard errors.
     pub error_scale: PerAxis<f64>,
     /// Intervals from held-out groups, if known.
     pub intervals: Option<GroupIntervals>,
 }
 
-/// Scores of some rows of each group, from the model fitted without that group.
 fn scores_of(rows: &TrainingRows, choice: &Choice) -> Scores {
     let mut scores = Scores::default();
     for (groups, model) in &choice.fold_models {
@@ -47,15 +44,14 @@ fn scores_of(rows: &TrainingRows, choice: &Choice) -> Scores {
 }
 
 impl PhysicsCalibration {
-    /// Prepares a model for conversion, without intervals. Its standard errors are multiplied by
-    /// `error_scale`.
+    /// Prepares a model without intervals; multiplies its standard errors by `error_scale`.
     pub fn new(model: PhysicsModel, error_scale: PerAxis<f64>) -> Self {
         Self { inversion: Inversion::new(&model), error_scale, intervals: None }
     }
 
-    /// Fits to rows. Held-out groups select λ, the width of the priors and the number of shared factors;
-    /// their errors also scale the standard errors and give the intervals. The intervals thus come from the
-    /// same groups as the selection, but the selection sets only three numbers for all groups.
+    /// Fits to rows. Held-out groups select λ, the width of the priors and the number of shared
+    /// factors; their errors also scale the standard errors and give the intervals. Using the same
+    /// groups twice matters little: the selection sets only three numbers.
     ///
     /// # Errors
     /// [`FitError::Physics`], [`FitError::Interrupted`].
@@ -63,8 +59,8 @@ impl PhysicsCalibration {
         Self::fit_sample(rows, ObservationSample::from_rows(rows)?, None, workers)
     }
 
-    /// Like [`fit`](Self::fit), on a sample of the observations of these rows. Holds out `folds` of groups,
-    /// if given.
+    /// Like [`fit`](Self::fit), on a sample of the observations of these rows. Holds out `folds` of
+    /// groups, if given.
     pub fn fit_sample(
         rows: &TrainingRows,
         sample: ObservationSample,
@@ -76,7 +72,6 @@ impl PhysicsCalibration {
         Ok((Self::with_scores(choice.model.clone(), scores), choice))
     }
 
-    /// Builds a calibration with standard errors and intervals from the scores of held-out rows.
     fn with_scores(model: PhysicsModel, mut scores: Scores) -> Self {
         let error_scale = scores.rescale(MODEL_GROUPS);
         Self { intervals: Some(scores.intervals()), ..Self::new(model, error_scale) }
@@ -100,12 +95,11 @@ impl PhysicsCalibration {
     }
 }
 
-/// Approximate limit of the rows on which errors are computed, spread evenly over the groups: the root mean
-/// square of so many rows is accurate to two thousandths.
+/// Approximate limit of the rows on which errors are computed, spread evenly over the groups: the
+/// root mean square of so many rows is accurate to two thousandths.
 const MOST_JUDGED: usize = 200_000;
 
-/// Cross-validation: a model fitted without a fold converts the rows of the fold's groups. The priors, three
-/// numbers, were chosen on all folds.
+/// Cross-validation over folds of groups. The priors, three numbers, were chosen on all folds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PhysicsValidation {
     /// For each fold, its groups in ascending order.
@@ -126,9 +120,9 @@ pub struct GroupErrors {
 }
 
 impl PhysicsValidation {
-    /// Converts the rows of each of `folds` with the chosen model refitted without the fold, and intervals
-    /// from the scores of all other groups. The models of the folds used for the choice are reused; others
-    /// are fitted here, on several threads.
+    /// Converts the rows of each of `folds` with the chosen model refitted without the fold, and
+    /// intervals from the scores of all other groups. The models of the folds used for the choice
+    /// are reused; others are fitted here, on several threads.
     ///
     /// # Errors
     /// [`FitError::Interrupted`].
@@ -146,11 +140,12 @@ impl PhysicsValidation {
         Self::by(fit, rows, folds, workers)
     }
 
-    /// Like [`new`](Self::new), with the usual priors and without factors: shows how well the model works on
-    /// these data, in a tenth of the time of a choice.
+    /// Like [`new`](Self::new), with the usual priors and without factors: shows how well the model
+    /// works on these data, in a tenth of the time of a choice.
     ///
     /// # Errors
-    /// [`FitError::Physics`] if the rows outside of any fold cannot be fitted; [`FitError::Interrupted`].
+    /// [`FitError::Physics`] if the rows outside of any fold cannot be fitted;
+    /// [`FitError::Interrupted`].
     pub fn usual(
         rows: &TrainingRows,
         sample: &ObservationSample,
@@ -166,7 +161,6 @@ impl PhysicsValidation {
         Self::by(fit, rows, folds, workers)
     }
 
-    /// Fits without each fold, and converts the rows of the fold.
     fn by(
         fit: impl Fn(&BTreeSet<u64>) -> Result<PhysicsCalibration, FitError> + Sync,
         rows: &TrainingRows,
@@ -215,8 +209,8 @@ impl PhysicsValidation {
         })
     }
 
-    /// Share of rows within their intervals of [`COVERAGE_LEVEL`], and mean half-width of the intervals, with
-    /// the same weight for each group; `None` if a group has no intervals.
+    /// Share of rows within their intervals of [`COVERAGE_LEVEL`], and mean half-width of the
+    /// intervals, with the same weight for each group; `None` if a group has no intervals.
     pub fn coverage(&self) -> Option<PerAxis<(f64, f64)>> {
         let mut sums = PerAxis::<(f64, f64)>::default();
         let mut count = 0.0;

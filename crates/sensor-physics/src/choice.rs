@@ -1,11 +1,12 @@
-//! Choice of λ, the width of the priors and the number of shared factors by cross-validation over groups.
+//! Choice of λ, the width of the priors and the number of shared factors by cross-validation over
+//! groups.
 //!
-//! Each candidate is fitted without a fold of whole groups and tested on that fold. The chosen λ and width
-//! have the least squared error, relative to the mean square of each axis and averaged over the axes. One
-//! more factor is accepted if it raises the log density of the held-out groups' readings by more than a
-//! standard error of the mean gain over the folds. This criterion sees all sensors and the correlation of
-//! their errors, which the errors of a wrench hardly show. Then λ is chosen once more. Fits without a fold
-//! start from the fit to all observations, which is near.
+//! The chosen λ and width have the least squared error on held-out groups, relative to the mean
+//! square of each axis and averaged over the axes. One more factor is accepted if it raises the log
+//! density of the held-out groups' readings by more than a standard error of the mean gain over the
+//! folds: this criterion sees all sensors and the correlation of their errors, which the errors of
+//! a wrench hardly show. Then λ is chosen once more. Fits without a fold start from the fit to all
+//! observations, which is near.
 
 use std::collections::BTreeSet;
 
@@ -19,13 +20,12 @@ use super::rows::ObservationSample;
 use least_squares::error::FitError;
 use least_squares::passes::{Workers, map};
 
-/// Candidate λ: half decades below 1, the value that Bayes' rule gives for normal loads. λ = 1 pulls a load
-/// at the edge of the range to a distant minimum; other loads do not show this.
+/// Candidate λ: half decades below 1, the value that Bayes' rule gives for normal loads. λ = 1
+/// pulls a load at the edge of the range to a distant minimum; other loads do not show this.
 const LAMBDAS: [f64; 4] = [0.01, 0.03, 0.1, 0.3];
 
 const WIDTHS: [f64; 3] = [0.25, 0.5, 1.0];
 
-/// λ and width that are usually near the chosen ones.
 pub(super) const USUAL: (f64, f64) = (LAMBDAS[2], WIDTHS[1]);
 
 /// Up to this many groups are held out one by one; more are assigned to [`FOLDS`] folds.
@@ -75,7 +75,6 @@ struct CandidateData<'a> {
     workers: Workers<'a>,
 }
 
-/// A fit without one fold, and its squared errors on the fold for each λ.
 type Fits = (FittedParameters, [f64; LAMBDAS.len()]);
 
 impl Choice {
@@ -87,7 +86,7 @@ impl Choice {
         Self::fit_sample(ObservationSample::new(observations), None, workers)
     }
 
-    /// Like [`fit`](Self::fit), on a sample of observations; holds out `folds` of groups, or groups in turn.
+    /// Holds out `folds` of groups, or groups in turn.
     pub(super) fn fit_sample(
         sample: ObservationSample,
         folds: Option<&[Vec<u64>]>,
@@ -150,7 +149,6 @@ impl Choice {
         self.fold_models.iter().map(|(fold, _)| fold.iter().copied().collect()).collect()
     }
 
-    /// Fits the chosen candidate to the observations outside `groups`.
     pub(super) fn without(&self, groups: &BTreeSet<u64>) -> PhysicsModel {
         if let Some((_, known)) = self.fold_models.iter().find(|(fold, _)| fold == groups) {
             return known.clone();
@@ -196,16 +194,15 @@ impl CandidateData<'_> {
         })
     }
 
-    /// Squared error on held-out groups for each λ, relative to the mean square of each axis and averaged
-    /// over the axes.
+    /// Squared error on held-out groups for each λ, relative to the mean square of each axis and
+    /// averaged over the axes.
     fn scores(&self, fits: &[Fits]) -> [f64; LAMBDAS.len()] {
         let count = 6.0 * self.folds.iter().map(|fold| fold.held_out.len()).sum::<usize>() as f64;
         let sum = |at: usize| fits.iter().map(|(_, squares)| squares[at]).sum::<f64>();
         std::array::from_fn(|at| sum(at) / count)
     }
 
-    /// Mean gain in the log density of the readings of a fold, from the fits `best` to the fits `fits`, all
-    /// made without the fold.
+    /// Mean gain in the log density of a fold's readings, from the fits `best` to `fits`.
     fn compare(&self, factors: usize, width: f64, fits: &[Fits], best: &[Fits]) -> FactorTrial {
         let gains: Vec<f64> = (fits.iter().zip(best).enumerate())
             .map(|(fold, (fit, best))| {
@@ -231,7 +228,6 @@ fn least(scores: &[f64]) -> usize {
 struct ObservationFold<'a> {
     groups: BTreeSet<u64>,
     held_out: Vec<&'a Observation>,
-    /// The observations of all other folds.
     rest: Scaled,
 }
 
@@ -247,8 +243,7 @@ fn as_sets(folds: &[Vec<u64>]) -> Vec<BTreeSet<u64>> {
     folds.iter().map(|fold| fold.iter().copied().collect()).collect()
 }
 
-/// Puts each of up to [`MOST_ALONE`] groups into a separate fold; assigns more groups in turn to [`FOLDS`]
-/// folds.
+/// Puts each of up to [`MOST_ALONE`] groups into a separate fold; deals more to [`FOLDS`] folds.
 fn folds_in_turn(observations: &[&Observation]) -> Vec<BTreeSet<u64>> {
     let groups: BTreeSet<u64> = observations.iter().map(|o| o.group).collect();
     let count = if groups.len() > MOST_ALONE { FOLDS } else { groups.len() };

@@ -1,7 +1,7 @@
 //! Cholesky factors of small symmetric matrices, on the stack.
 //!
-//! Sizes are known at compile time (6 axes, 10 parameters), so a frame needs no allocation. Only the lower
-//! triangle of a matrix is read. (Golub & Van Loan, 4th ed., §4.2.)
+//! Sizes are fixed (6 axes, 10 parameters): a frame needs no allocation. Only the lower triangle of
+//! a matrix is read (Golub & Van Loan, 4th ed., §4.2).
 
 use pulp::{Scalar, Simd};
 
@@ -35,7 +35,6 @@ impl<const N: usize> Cholesky<N> {
         self.0.solve(&b.map(scalar)).map(|x| x.1)
     }
 
-    /// `ln det A`.
     pub(super) fn ln_determinant(&self) -> f64 {
         -2.0 * self.0.inverse.iter().map(|x| libm::log(x.1)).sum::<f64>()
     }
@@ -65,7 +64,6 @@ pub(super) struct LaneCholesky<S: Simd, const N: usize> {
 }
 
 impl<S: Simd, const N: usize> LaneCholesky<S, N> {
-    /// Reads the lower triangle of `a`.
     #[inline(always)]
     pub(super) fn new(a: &[[Lanes<S>; N]; N]) -> Self {
         let one = Lanes::splat(a[0][0].0, 1.0);

@@ -10,13 +10,12 @@ use super::response::{FACTORS, Loadings};
 use super::sensor::Curve;
 use shell_data::vectorised;
 
-/// `1/s²` of the prior `N(0, s²)` of a loading. s is 0.06: about the play of a single displacement, and a
-/// hundredth of the way from plateau to plateau. With a weaker prior, a second factor follows the loads of
-/// single poses.
+/// `1/s²` of the prior `N(0, s²)` of a loading. s = 0.06 is about the play of a single
+/// displacement, and a hundredth of the curve's width. With a weaker prior, a second factor follows
+/// the loads of single poses.
 const LOADING_PRECISION: f64 = 300.0;
 
-/// Expected moments of the factors of each row, given its residuals. Columns are as long as the curves'
-/// columns.
+/// Expected moments of the factors of each row, given its residuals; padded as the curves are.
 pub(super) struct Expectation {
     /// `E[uuᵀ]`.
     square: [[Vec<f64>; FACTORS]; FACTORS],
@@ -31,7 +30,6 @@ fn slopes<S: Simd>(simd: S, curve: &Curve, first: usize, noise: Noise) -> (Lanes
     (slope, slope / noise.variance_at(slope * slope))
 }
 
-/// `square += scale·a·aᵀ`.
 #[inline(always)]
 fn add_square<S: Simd>(
     square: &mut [[Lanes<S>; FACTORS]; FACTORS],

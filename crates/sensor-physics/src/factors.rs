@@ -1,14 +1,15 @@
-//! Factors that the sensors share: causes other than the wrench that move several reflectors at once.
+//! Factors that the sensors share: causes other than the wrench that move several reflectors at
+//! once.
 //!
 //! ```text
-//! yᵢⱼ = fᵢ(bᵢ + aᵢᵀxⱼ + cᵢᵀuⱼ) + e      uⱼ ~ N(0, I)      Vⱼ = diag(σ² + τ²d²) + D·C·Cᵀ·D      D = diag f'
+//! yᵢⱼ = fᵢ(bᵢ + aᵢᵀxⱼ + cᵢᵀuⱼ) + e uⱼ ~ N(0, I) Vⱼ = diag(σ² + τ²d²) + D·C·Cᵀ·D D = diag f'
 //! ```
 //!
-//! Play and mounting move the plate as a whole, so the sensors' errors are correlated and look like a wrench.
-//! Expectation maximisation finds the loadings C and the variances at the maximum of the posterior density
-//! (Rubin & Thayer, Psychometrika 47, 1982), with a normal prior of C. It corrects the residuals for the part
-//! that the parameters absorbed, as in [`noise`](super::noise). In turn with that, Levenberg-Marquardt steps
-//! run over the parameters of all sensors at once, on residuals whitened by V.
+//! Play and mounting move the plate as a whole, so the sensors' errors are correlated and look like
+//! a wrench. Expectation maximisation finds the loadings C and the variances at the maximum of the
+//! posterior density (Rubin & Thayer, Psychometrika 47, 1982), with a normal prior of C and
+//! residuals corrected as in [`noise`](super::noise). It alternates with Levenberg-Marquardt steps
+//! over the parameters of all sensors, on residuals whitened by V.
 
 use super::cholesky::{Cholesky, identity};
 use super::expectation::{expect, maximise};
@@ -19,15 +20,15 @@ use super::response::{
 use super::sensor::{Curve, Data, Prior, curve_at, parameter_variances};
 use least_squares::symmetric::SymmetricMatrix;
 
-/// Effort of a fit, and of a fit that starts from the result for nearly the same observations. A round makes
-/// [`EM_STEPS`] steps of the loadings and variances and [`STEPS`] steps of the parameters.
+/// Rounds of a fit, and below of one that starts from the result for nearly the same observations.
+/// A round makes [`EM_STEPS`] steps of loadings and variances and [`STEPS`] of the parameters.
 const ROUNDS: usize = 12;
 const WARM_ROUNDS: usize = 5;
 const EM_STEPS: usize = 6;
 const STEPS: usize = 2;
 
-/// Fits `new` factors, from a fit without factors. If `new` is `None`, fits as many as `start` has, which was
-/// found for nearly the same observations in the same scales.
+/// Fits `new` factors, from a fit without factors. If `new` is `None`, fits as many as `start` has,
+/// which was found for nearly the same observations in the same scales.
 pub(super) fn fit_factors(
     data: &Scaled,
     width: f64,
@@ -50,11 +51,10 @@ struct Joint<'a> {
     damping: f64,
 }
 
-/// `F⁻¹·L/v` of each sensor and row, with `L = D·C` and `F·Fᵀ = I + LᵀL/v`, at the slopes with which a round
-/// begins. Together with the variances `v` it gives `Vⱼ⁻¹`.
+/// `F⁻¹·L/v` of each sensor and row, with `L = D·C` and `F·Fᵀ = I + LᵀL/v`, at the slopes with
+/// which a round begins. Together with the variances `v` it gives `Vⱼ⁻¹`.
 type Whitening = Vec<Vec<Loadings>>;
 
-/// The minimised sum, its curvature and its descent, over the parameters of all sensors.
 struct FactorEquations {
     cost: f64,
     curvature: SymmetricMatrix,
@@ -118,7 +118,6 @@ impl<'a> Joint<'a> {
         self.fitted
     }
 
-    /// Makes expectation-maximisation steps of the loadings and the variances.
     fn refine_loadings(&mut self, curves: &[Curve]) {
         let pairs = curves.iter().zip(&self.fitted.covariance);
         let variances: Vec<Vec<f64>> =

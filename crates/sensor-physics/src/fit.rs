@@ -1,10 +1,10 @@
-//! Joint fit of all sensors: plateaus and shapes near a common mean, noise of maximum likelihood.
+//! Joint fit of all sensors: curves near a common mean, noise of maximum likelihood.
 //!
-//! Sensors of one make resemble each other. The parameters of each curve (lo, ln h, ln ν) have a normal prior
-//! about a mean that all sensors share. The mean has the weak prior of [`Prior::weak`], with ten times the
-//! variance (a hierarchical model; Gelman et al., Bayesian Data Analysis, 3rd ed., §5.4). A round makes steps
-//! over the sensors' parameters, the common means and the two variances of [`Noise`]; each step raises the
-//! posterior density.
+//! Sensors of one make resemble each other, so the shape of each curve (lo, ln h, ln ν) has a
+//! normal prior about a common mean, which has the weak prior of [`Prior::weak`] with ten times the
+//! variance (a hierarchical model; Gelman et al., Bayesian Data Analysis, 3rd ed., §5.4). A round
+//! makes steps over the sensors' parameters, the common means and the variances of [`Noise`]; each
+//! step raises the posterior density.
 
 use super::PhysicsError;
 use super::cholesky::{Cholesky, diagonal};
@@ -26,10 +26,10 @@ const STEPS: usize = 4;
 /// Rounds of a fit that starts from the result for nearly the same observations.
 const WARM_ROUNDS: usize = 4;
 
-/// Steps of the variances in a round.
 const NOISE_STEPS: usize = 20;
 
-/// Most channels of a model: the flags of a frame are bits of a 16-bit mask, and its values are on the stack.
+/// Most channels of a model: the flags of a frame are bits of a 16-bit mask, and its values are on
+/// the stack.
 pub const MOST_CHANNELS: usize = 16;
 
 /// The mean of some rows.
@@ -51,7 +51,6 @@ pub fn wrench_scale(observations: &[&Observation]) -> PerAxis<f64> {
     })
 }
 
-/// Wrenches and readings in the scales of a model.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Scales {
     /// Root mean square of each axis, N and N·m; 1 for an axis that is never loaded.
@@ -61,13 +60,11 @@ pub(super) struct Scales {
     pub(super) channels: Vec<(usize, f64, f64)>,
 }
 
-/// The training data in these scales.
 #[derive(Clone, Debug)]
 pub(super) struct Scaled {
     /// Number of rows; columns are padded with zeros to a multiple of [`MOST_LANES`].
     pub(super) rows: usize,
     pub(super) wrench: PerAxis<Vec<f64>>,
-    /// One column per channel that varies.
     pub(super) readings: Vec<Vec<f64>>,
 }
 
@@ -132,7 +129,6 @@ impl Scales {
     }
 }
 
-/// Fits all sensors from scratch.
 pub(super) fn fit(data: &Scaled, width: f64) -> FittedParameters {
     let prior = Prior::weak(width);
     let mut sensors = sensors(data);

@@ -1,10 +1,8 @@
 //! Evaluation of a sensor's curve for several rows at a time.
 //!
-//! The code uses additions, multiplications, divisions and square roots only. They are rounded alike on every
-//! machine, so a row has the same bits in vectors of any width.
-//!
-//! Loops replace `fold`: its closure may remain a separate function without wide vectors, as in
-//! `least_squares::vectors`.
+//! The code uses additions, multiplications, divisions and square roots only, which are rounded
+//! alike on every machine: a row has the same bits in vectors of any width. Loops replace `fold`,
+//! whose closure may remain a separate function without wide vectors.
 
 use std::ops::{Add, Div, Mul, Sub};
 
@@ -27,7 +25,6 @@ const EXP: [f64; 11] =
 const ARTANH: [f64; 14] =
     shares(2.0, [27.0, 25.0, 23.0, 21.0, 19.0, 17.0, 15.0, 13.0, 11.0, 9.0, 7.0, 5.0, 3.0, 1.0]);
 
-/// Divides a number by each element of an array.
 const fn shares<const N: usize>(of: f64, mut by: [f64; N]) -> [f64; N] {
     let mut position = 0;
     while position < N {
@@ -37,7 +34,6 @@ const fn shares<const N: usize>(of: f64, mut by: [f64; N]) -> [f64; N] {
     by
 }
 
-/// Largest number of rows in a vector.
 pub(super) const MOST_LANES: usize = 8;
 
 /// One number for each of several rows. Every operation is inlined into code for the vectors in use.
@@ -94,7 +90,6 @@ impl<S: Simd> Lanes<S> {
         self.0.greater_than_f64s(self.1, self.0.splat_f64s(0.0))
     }
 
-    /// Takes `other` in the rows of `mask`.
     #[inline(always)]
     pub(super) fn replaced(self, mask: S::m64s, other: Self) -> Self {
         Self(self.0, self.0.select_f64s(mask, other.1, self.1))
@@ -163,7 +158,6 @@ pub(super) struct Answers<S: Simd> {
     pub(super) height: Lanes<S>,
     /// `dy/dq`.
     pub(super) slope: Lanes<S>,
-    /// Derivative with respect to ln ν.
     pub(super) by_shape: Lanes<S>,
 }
 

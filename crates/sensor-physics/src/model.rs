@@ -50,8 +50,7 @@ pub struct Sensor {
 }
 
 impl Sensor {
-    /// Response to a wrench in the model's scales, and its variance: noise plus the uncertainty of the
-    /// parameters.
+    /// Response to a wrench in the model's scales, and its variance from noise and parameters.
     pub fn answer(&self, x: &PerAxis<f64>, noise: &Noise) -> (Answer, f64) {
         let answer = Answer::at(&self.parameters, x);
         let g = answer.gradient(x);
@@ -89,8 +88,8 @@ impl PhysicsModel {
         model
     }
 
-    /// Log probability density of an observation's readings at its wrench, up to a constant that is equal for
-    /// all models in the same scales.
+    /// Log probability density of an observation's readings at its wrench, up to a constant that is
+    /// equal for all models in the same scales.
     pub(super) fn ln_density(&self, o: &Observation) -> f64 {
         let x = std::array::from_fn(|axis| o.wrench[axis] / self.wrench_scale[axis]);
         // V = diag(v) + LLᵀ, so r·V⁻¹·r = Σr²/v − |M^(−½)·Lᵀr/v|² and det V = Πv·det M, M = I + LᵀL/v.
@@ -113,7 +112,6 @@ impl PhysicsModel {
         -0.5 * (sum - explained + factor.ln_determinant())
     }
 
-    /// Builds a model from a fit, and the λ and width requested for it.
     pub(super) fn from_fit(
         scales: &Scales,
         data: &Scaled,

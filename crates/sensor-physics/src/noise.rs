@@ -1,15 +1,15 @@
 //! Noise about the curves: noise of the readings and play of the displacement.
 //!
-//! A reading is off because it is noisy itself, and because the reflector does not come to rest at the same
-//! place twice (play, creep). Play counts where the curve is steep, and not on a plateau.
+//! A reading is off because it is noisy itself, and because the reflector does not stop at the same
+//! place twice (play, creep). Play counts only where the curve is steep.
 //!
 //! ```text
 //! var(y − f) = σ² + τ²·(df/dq)²
 //! ```
 //!
-//! Both variances are maximum-likelihood estimates for normal errors. Fixed-point steps find them and keep
-//! them positive: each variance is multiplied by the ratio of the two sides of its likelihood equation.
-//! Fitted parameters absorb a part of each residual, so its expected square is `r² + gᵀCg`, with `C` the
+//! Both variances are maximum-likelihood estimates for normal errors. Fixed-point steps multiply
+//! each by the ratio of the two sides of its likelihood equation, which keeps it positive. Fitted
+//! parameters absorb a part of each residual, so its expected square is `r² + gᵀCg`, with `C` the
 //! covariance of the parameters (Dempster, Laird & Rubin, J. R. Stat. Soc. B 39, 1977).
 
 use std::ops::{Add, Mul};
@@ -17,8 +17,7 @@ use std::ops::{Add, Mul};
 use super::lanes::MOST_LANES;
 use shell_data::vectorised;
 
-/// Lower limit of the variances. For a reading it is the square of a thousandth of the range: less than one
-/// count of ten bits.
+/// Lower limit of the variances; of a reading, under one count of ten bits.
 const LEAST: f64 = 1e-6;
 
 /// The two variances of the noise.
@@ -33,15 +32,14 @@ pub struct Noise {
 /// Residuals of a sensor for the estimate of the variances, one per row.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Residuals {
-    /// Expected squares of the residuals.
     pub(super) squares: Vec<f64>,
     /// `(df/dq)²` at each row.
     pub(super) slope_squares: Vec<f64>,
 }
 
 impl Noise {
-    /// Start of an estimate: readings repeat to a fiftieth of their range, displacements to 0.15 units of q
-    /// (of some 6 from plateau to plateau).
+    /// Start of an estimate: readings repeat to a fiftieth of their range, displacements to 0.15
+    /// units of q (of some 6 over the curve).
     pub(super) const START: Self = Self { reading: 4e-4, displacement: 0.0225 };
 
     /// Variance of a response where the curve has this slope.
@@ -59,7 +57,6 @@ impl Noise {
         slope_square * self.displacement + self.reading
     }
 
-    /// Returns the variances after `steps` fixed-point steps towards maximum likelihood.
     pub(super) fn refine(self, residuals: &[Residuals], steps: usize) -> Self {
         (0..steps).fold(self, |noise, _| {
             let mut sums = [[0.0; MOST_LANES]; 5];

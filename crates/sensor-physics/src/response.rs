@@ -1,14 +1,14 @@
 //! Response of one sensor to a wrench, and its derivatives with respect to the parameters.
 //!
 //! ```text
-//! y = lo + h·σ(q)^ν      q = b + aᵀx      σ(q) = 1/(1 + e⁻ᵠ)
+//! y = lo + h·σ(q)^ν q = b + aᵀx σ(q) = 1/(1 + e⁻ᵠ)
 //! ```
 //!
-//! The displacement `q` of the reflector in front of a sensor is linear in the wrench. The response of a
-//! reflective photointerrupter to it is monotone between two plateaus; ν makes its two ends different
-//! (Richards, J. Exp. Botany 10, 1959, with Q = 1). `h` and `ν` are positive and are stored as logarithms.
-//! `y` and `x` are dimensionless: readings and wrench in the scales of the model. `exp` and `ln` come from
-//! `libm`, which gives the same bits on every machine.
+//! The displacement `q` of the reflector in front of a sensor is linear in the wrench. The response
+//! of a reflective photointerrupter to it is monotone between two flat ends, which ν makes
+//! different (Richards, J. Exp. Botany 10, 1959, with Q = 1). `h` and `ν` are positive and are
+//! stored as logarithms. `y` and `x` are dimensionless: readings and wrench in the scales of the
+//! model. `exp` and `ln` come from `libm`, which gives the same bits on every machine.
 
 use shell_data::wrench::PerAxis;
 
@@ -32,7 +32,6 @@ pub struct Answer {
     pub slope: f64,
     /// `y − lo`, which is also the derivative with respect to ln h.
     height: f64,
-    /// Derivative with respect to ln ν.
     by_shape: f64,
 }
 
@@ -47,7 +46,7 @@ impl Answer {
 
     #[inline]
     pub(super) fn at_displacement(q: f64, lo: f64, h: f64, nu: f64) -> Self {
-        // e^(−|q|) never overflows; beyond 40 the curve is a plateau to the last bit of its height.
+        // e^(−|q|) never overflows; beyond 40 the curve is flat to the last bit of its height.
         let e = libm::exp(-q.abs().min(700.0));
         let ln_sigma = q.min(0.0) - libm::log1p(e);
         // 1 − σ(q).
@@ -70,8 +69,8 @@ impl Answer {
     }
 }
 
-/// Moves the parameters of some sensors by one step over all of them. h and ν change at most by a factor of
-/// e, beyond which the linear approximation fails.
+/// Moves the parameters of some sensors by one step over all of them. h and ν change at most by a
+/// factor of e, beyond which the linear approximation fails.
 pub(super) fn move_by<'a>(parameters: impl IntoIterator<Item = &'a mut Parameters>, step: &[f64]) {
     for (p, step) in parameters.into_iter().zip(step.as_chunks::<PARAMETERS>().0) {
         for (position, (p, step)) in p.iter_mut().zip(step).enumerate() {
@@ -80,8 +79,8 @@ pub(super) fn move_by<'a>(parameters: impl IntoIterator<Item = &'a mut Parameter
     }
 }
 
-/// Displacement at which the response is `y`, from the inverse of the curve, and the slope there. `y` is
-/// first kept `margin·h` away from the plateaus, where the inverse would be infinite.
+/// Displacement at which the response is `y`, by the inverse of the curve, and the slope there. `y`
+/// is first kept `margin·h` away from the flat ends, where the inverse is infinite.
 #[inline]
 pub(super) fn displacement(y: f64, lo: f64, h: f64, nu: f64, margin: f64) -> (f64, f64) {
     let share = ((y - lo) / h).clamp(margin, 1.0 - margin);
@@ -92,7 +91,7 @@ pub(super) fn displacement(y: f64, lo: f64, h: f64, nu: f64, margin: f64) -> (f6
     (ln_sigma - libm::log(rest), h * nu * share * (1.0 - sigma))
 }
 
-/// Largest number of factors: with more than two, held-out groups improved in no recording that was tried.
+/// Largest number of factors: more than two did not improve held-out groups in any recording tried.
 pub const FACTORS: usize = 2;
 
 /// Displacement of a sensor per factor, each with variance 1.

@@ -1,14 +1,14 @@
-//! Training rows in groups that are held out together, and the observations that the sensors are fitted to.
-//! An observation is the mean of wrench and readings over a cell, the rows of a group with similar wrench. A
-//! fit uses a sample of the observations.
+//! Training rows in groups that are held out together, and the observations that the sensors are
+//! fitted to. An observation is the mean of wrench and readings over a cell, the rows of a group
+//! with similar wrench. A fit uses a sample of the observations.
 //!
-//! Rows of a pose repeat one observation many times, so the fit sees their mean, and every mean has the same
-//! weight. Where the wrench changes within a group of rows, as in a push by hand, each cell of the wrench has
-//! a mean. Cells are [`CELL_WIDTH`] wide, and the group's mean is in the middle of one: a pose of constant
-//! load is then a single cell.
+//! Rows of a pose repeat one observation many times, so the fit sees their mean, and every mean has
+//! the same weight. Where the wrench changes within a group of rows, as in a push by hand, each
+//! cell of the wrench has a mean. Cells are [`CELL_WIDTH`] wide, and the group's mean is in the
+//! middle of one: a pose of constant load is then a single cell.
 //!
-//! Sums are integers: every value is rounded once, to 2⁻⁶⁰ of the largest magnitude in its column, and then
-//! added without error. Means therefore do not depend on the order of the rows.
+//! Sums are integers: every value is rounded once, to 2⁻⁶⁰ of the largest magnitude in its column,
+//! and then added without error. Means therefore do not depend on the order of the rows.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -27,14 +27,14 @@ const ROWS_AT_ONCE: usize = 4096;
 pub struct TrainingRows {
     pub(super) rows: GroupedRows,
     pub(super) channels: usize,
-    /// Reference for conversions of a group's rows, if it differs from their wrench: the stated loads, where
-    /// the wrench is corrected with readings of these rows.
+    /// Reference for conversions of a group's rows, if it differs from their wrench: the stated
+    /// loads, where the wrench is corrected with readings of these rows.
     pub judged_by: BTreeMap<u64, PerAxis<f64>>,
 }
 
 impl TrainingRows {
-    /// Takes the labelled rows of a data set. Also returns the labels of their groups in the order of first
-    /// rows.
+    /// Takes the labelled rows of a data set. Also returns the labels of their groups in the order
+    /// of first rows.
     ///
     /// # Panics
     /// If there are 2³² blocks or groups, or a block has that many rows.
@@ -99,15 +99,13 @@ impl TrainingRows {
     }
 }
 
-/// Cells of the wrench that contain some rows, in ascending order of groups and, within a group, of their
-/// indices.
+/// Cells of the wrench that contain some rows, in ascending order of groups and, within a group, of
+/// their indices.
 ///
 /// Only their number is stored: there may be as many cells as rows, and a fit uses few.
 pub(super) struct Cells<'a> {
     rows: &'a GroupedRows,
-    /// Grids of the columns of wrench and readings.
     grids: Vec<RoundingGrid>,
-    /// Width of a cell, N and N·m.
     width: PerAxis<f64>,
     pub(super) count: usize,
 }
@@ -194,13 +192,12 @@ fn are_in_one_cell(a: &RowInCell, b: &RowInCell) -> bool {
     a.0 == b.0
 }
 
-/// Index of the cell along one axis. With N rows no value exceeds √N root mean squares, so indices fit into
-/// 16 bits up to 67 million rows; larger values would be counted in the last cell.
+/// Index of the cell along one axis. With N rows no value exceeds √N root mean squares, so indices
+/// fit into 16 bits up to 67 million rows; larger values would be counted in the last cell.
 fn index(x: f64) -> i16 {
     x.round_ties_even() as i16
 }
 
-/// Width of a cell along each axis, N and N·m.
 fn cell_width(rows: &GroupedRows) -> Result<PerAxis<f64>, PhysicsError> {
     // Squares are rounded to a grid, too, so that the width does not depend on the order of the rows either.
     let mut width = [1.0; 6];
@@ -214,15 +211,13 @@ fn cell_width(rows: &GroupedRows) -> Result<PerAxis<f64>, PhysicsError> {
     Ok(width)
 }
 
-/// Grid to which a column is rounded.
 struct RoundingGrid {
-    /// Number of steps per unit.
     steps: f64,
 }
 
 impl RoundingGrid {
-    /// Sets the step to 2⁻⁶⁰ of the least power of two above every value: an i128 then holds the sum of 2⁶⁶
-    /// values.
+    /// Sets the step to 2⁻⁶⁰ of the least power of two above every value: an i128 then holds the
+    /// sum of 2⁶⁶ values.
     fn new(mut column: impl Iterator<Item = f64>) -> Result<Self, PhysicsError> {
         let larger = |most: f64, x: f64| x.is_finite().then(|| most.max(x.abs()));
         let largest = column.try_fold(0.0, larger).ok_or(PhysicsError::NotFinite)?;
@@ -242,8 +237,8 @@ impl RoundingGrid {
 /// Most observations for the comparison of candidates.
 const MOST_TRIED: usize = 600;
 
-/// Most observations that a model is fitted to. At this number, the uncertainty of some ten parameters per
-/// sensor adds a two-hundredth to the squared error.
+/// Most observations that a model is fitted to. At this number, the uncertainty of some ten
+/// parameters per sensor adds a two-hundredth to the squared error.
 const MOST_FITTED: usize = 2_000;
 
 /// A sample of observations.
@@ -251,9 +246,7 @@ const MOST_FITTED: usize = 2_000;
 pub struct ObservationSample {
     /// Number of observations before sampling.
     pub count: usize,
-    /// Observations for the comparison of candidates.
     pub(super) tried: Vec<Observation>,
-    /// Observations for the fit of the chosen model.
     pub(super) fitted: Vec<Observation>,
 }
 
@@ -285,8 +278,8 @@ mod tests {
 
     #[test]
     fn every_third_row_of_a_group_is_converted_and_compared_with_its_wrench() {
-        // Three groups of 6000 rows alternate every 1500 rows; a reading is the row's number, each load twice
-        // that.
+        // Three groups of 6000 rows alternate every 1500 rows; a reading is the row's number, each
+        // load twice that.
         let number: Vec<f64> = (0..18_000).map(f64::from).collect();
         let groups = (0..12).map(|run| ((run % 3).to_string(), 1500)).collect();
         let wrench = vec![number.iter().map(|n| 2.0 * n).collect(); 6];

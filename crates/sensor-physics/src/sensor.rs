@@ -1,17 +1,16 @@
 //! Fit of one sensor's parameters by weighted least squares with weak priors.
 //!
 //! ```text
-//! minimise  Σ weightᵢ·(yᵢ − f(xᵢ; p))² + Σ ((p − m)/s)²
+//! minimise Σ weightᵢ·(yᵢ − f(xᵢ; p))² + Σ ((p − m)/s)²
 //! ```
 //!
-//! Levenberg-Marquardt steps with the analytic gradient find the minimum (Nocedal & Wright, Numerical
-//! Optimization, 2nd ed., §10.3). The curve's tail bends either way, so there are two starts, at two values
-//! of ν. Each inverts the curve, which makes the displacement linear in the wrench (the *logit-linear* fit),
-//! and solves for b and a.
+//! Levenberg-Marquardt steps with the analytic gradient find the minimum (Nocedal & Wright,
+//! Numerical Optimization, 2nd ed., §10.3). The curve's tail bends either way, so there are two
+//! starts, at two values of ν. Each inverts the curve and solves for b and a, in which the
+//! displacement is linear (the *logit-linear* fit).
 //!
-//! Sums run over several rows at a time: rows are assigned in turn to [`MOST_LANES`] partial sums, which are
-//! added at the end. The order is the same for vectors of any width, so the bits are the same on every
-//! machine.
+//! Rows are dealt to [`MOST_LANES`] partial sums, which are added at the end. The order is the same
+//! for vectors of any width, so the bits are the same on every machine.
 
 use pulp::Simd;
 
@@ -28,10 +27,9 @@ const ROWS_AT_ONCE: usize = 64;
 /// Values of ν to start from, on either side of 1, the value of the logistic curve.
 const STARTS: [f64; 2] = [0.7, 1.6];
 
-/// A start keeps readings this share of h away from the plateaus, where noise would dominate.
+/// A start keeps readings this share of h away from the flat ends, where noise would dominate.
 const MARGIN: f64 = 0.02;
 
-/// Normal priors: means and standard deviations.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Prior {
     pub(super) mean: Parameters,
@@ -39,9 +37,9 @@ pub(super) struct Prior {
 }
 
 impl Prior {
-    /// Prior before any sensor is known. Displacements are a few units of q over the loads of the training
-    /// data. The curve reaches a twentieth of the range beyond the readings at either end, and each of its
-    /// parameters is uncertain by `width` (lo in ranges, h and ν in factors of e).
+    /// Prior before any sensor is known. Displacements are a few units of q over the loads of the
+    /// training data. The curve reaches a twentieth of the range beyond the readings at either end,
+    /// and each of its parameters is uncertain by `width` (lo in ranges, h and ν in factors of e).
     pub(super) fn weak(width: f64) -> Self {
         let (wide, lo, ln_h) = (3.0, -0.05, 0.1);
         Self {
@@ -64,7 +62,6 @@ impl ParameterEstimate {
 }
 
 impl Data<'_> {
-    /// The better of the fits from both starts, after `steps` steps each.
     pub(super) fn fit(&self, prior: &Prior, steps: usize) -> ParameterEstimate {
         let [(first, first_cost), (second, second_cost)] = STARTS.map(|nu| {
             let mut estimate = ParameterEstimate::at(self.start(prior, nu));
@@ -101,7 +98,6 @@ impl Data<'_> {
         cost.value
     }
 
-    /// The minimised cost at the parameters `p` of `curve`, with the prior.
     pub(super) fn cost_along(&self, curve: &Curve, p: &Parameters, prior: &Prior) -> Cost {
         let mut cost = cost_of(curve, &self.weights);
         for (i, value) in p.iter().enumerate() {
@@ -113,7 +109,7 @@ impl Data<'_> {
         cost
     }
 
-    /// Logit-linear fit at this ν, with the prior's plateaus.
+    /// Logit-linear fit at this ν, with the prior's lo and h.
     fn start(&self, prior: &Prior, nu: f64) -> Parameters {
         let mut p = prior.mean;
         p[SHAPE + 2] = libm::log(nu);
@@ -139,27 +135,25 @@ impl Data<'_> {
     }
 }
 
-/// Data for the fit of one sensor. Columns are padded from `rows` on to a multiple of [`MOST_LANES`]; the
-/// padding has no weight.
+/// Data for the fit of one sensor. Columns are padded from `rows` on to a multiple of
+/// [`MOST_LANES`]; the padding has no weight.
 #[derive(Clone, Debug)]
 pub(super) struct Data<'a> {
     /// Wrenches, in units of the model's scales.
     pub(super) wrench: &'a PerAxis<Vec<f64>>,
     /// Readings, in ranges above the least.
     pub(super) readings: &'a [f64],
-    /// Number of rows without the padding.
     pub(super) rows: usize,
-    /// Inverse variances.
     pub(super) weights: Vec<f64>,
 }
 
-/// A sum of squares at some parameters, its curvature and its descent: for the residuals `r = y − f` with
-/// their weights and gradients `g = df/dp`, and then for a prior.
+/// A sum of squares at some parameters, its curvature and its descent: for the residuals
+/// `r = y − f` with their weights and gradients `g = df/dp`, and then for a prior.
 pub(super) struct Cost {
     /// `Σ weight·r²`.
     pub(super) value: f64,
-    /// `Σ weight·g·gᵀ`, lower triangle: the Gauss-Newton curvature of half the cost. With the curvature of
-    /// the prior, it is the inverse of the parameters' covariance.
+    /// `Σ weight·g·gᵀ`, lower triangle: the Gauss-Newton curvature of half the cost. With the
+    /// curvature of the prior, it is the inverse of the parameters' covariance.
     pub(super) information: [Parameters; PARAMETERS],
     /// `Σ weight·r·g`: the steepest descent of half the cost.
     pub(super) descent: Parameters,
@@ -181,8 +175,7 @@ pub(super) fn residuals(
     }
 }
 
-/// Residuals and gradients of a sensor along its rows. Columns are as long as the data's, with zeros beyond
-/// `rows`.
+/// Residuals and gradients of a sensor along its rows, with zeros beyond `rows`.
 #[derive(Clone, Debug)]
 pub(super) struct Curve {
     /// `y − f`.
@@ -192,7 +185,6 @@ pub(super) struct Curve {
 }
 
 vectorised! {
-    /// Evaluates the curve with the parameters `p`.
     pub(super) fn curve_at<S: Simd>(simd: S, p: &Parameters, data: &Data<'_>) -> Curve {
         let column = || vec![0.0; data.readings.len()];
         let mut curve = Curve { residual: column(), gradient: std::array::from_fn(|_| column()) };
@@ -217,7 +209,6 @@ vectorised! {
 }
 
 vectorised! {
-    /// Sum over the rows of a curve with these weights.
     fn cost_of<S: Simd>(simd: S, curve: &Curve, weights: &[f64]) -> Cost {
         let Curve { residual, gradient } = curve;
         let mut information = [[[0.0; MOST_LANES]; PARAMETERS]; PARAMETERS];

@@ -1,7 +1,5 @@
-//! A run of consecutive log rows, column by column, in SI units.
-//!
-//! Logs are read and processed in blocks, so that memory does not grow with the length of a file and the
-//! inner loops run down contiguous columns.
+//! A run of consecutive log rows, column by column, in SI units. Memory does not grow with the
+//! length of a file, and inner loops run down contiguous columns.
 
 /// A range of consecutive frames with one label, such as the frames of a load that was held.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -42,13 +40,13 @@ pub struct Block {
     pub lines: RowLines,
     /// Time in s.
     pub time_s: Vec<f64>,
-    /// Readings in counts, one column per channel, followed by [`memory_columns`](Self::memory_columns)
-    /// columns of terms that a calibration adds.
+    /// Readings in counts, one column per channel, followed by
+    /// [`memory_columns`](Self::memory_columns) columns of terms that a calibration adds.
     pub readings: Vec<Vec<f64>>,
     /// Number of columns after the channels.
     pub memory_columns: usize,
-    /// Wrench in N and N·m, six columns in the order of [`crate::wrench::Axis::ALL`]; axes that the log lacks
-    /// are zero.
+    /// Wrench in N and N·m, six columns in the order of [`crate::wrench::Axis::ALL`]; axes that the
+    /// log lacks are zero.
     pub wrench: Vec<Vec<f64>>,
     /// Group labels, run-length encoded: label and number of rows, in row order.
     pub groups: Vec<(String, usize)>,
@@ -89,15 +87,14 @@ impl Block {
         join(&mut self.texts, next.texts);
     }
 
-    /// Returns for each row whether its readings differ from those of the previous row.
-    ///
-    /// A log that runs faster than its sensor repeats frames. The first row of a log is always fresh.
+    /// Returns for each row whether its readings differ from the previous row's; the first row's
+    /// do. A log that runs faster than its sensor repeats frames.
     pub fn fresh_rows(&self) -> Vec<bool> {
         let channels = self.channels();
         let firsts = channels.iter().filter_map(|column| column.first());
         let is_new = |before: &Vec<f64>| !firsts.eq(before);
         let first = self.readings_before.as_ref().is_none_or(is_new);
-        // The comparison usually stops at the first channel, unless the log runs faster than the sensor.
+        // Usually stops at the first channel, unless the log runs faster than the sensor.
         let differs = |row: usize| channels.iter().any(|column| column[row] != column[row - 1]);
         (0..self.rows).map(|row| if row == 0 { first } else { differs(row) }).collect()
     }
@@ -141,7 +138,6 @@ impl Block {
     }
 }
 
-/// Returns the runs of the rows for which `keep` is true.
 pub(crate) fn kept_runs(runs: &[(String, usize)], keep: &[bool]) -> Vec<(String, usize)> {
     let mut rest = keep;
     let kept = runs.iter().map(|(label, rows)| {

@@ -1,8 +1,8 @@
-//! Values per axis in JSON documents. A document holds the calibrated [`Axes`] only.
+//! Values per axis in JSON documents, which hold the calibrated [`Axes`] only.
 //!
-//! Use `#[serde(with = "by_axis")]` for a field, `by_axis::matrix` for a matrix and `by_axis::option` for an
-//! optional field. A document names its axes once for all of its fields, and serde cannot pass them on to the
-//! fields: [`among`] sets them while the document is read or written.
+//! Use `#[serde(with = "by_axis")]` for a field, `by_axis::matrix` for a matrix and
+//! `by_axis::option` for an optional field. Serde cannot pass a document's axes on to its fields:
+//! [`among`] sets them while the document is read or written.
 
 use std::cell::Cell;
 
@@ -15,8 +15,8 @@ thread_local! {
     static AXES: Cell<Axes> = const { Cell::new(Axes::ALL) };
 }
 
-/// Runs `act`, which reads or writes a document with these axes on this thread. By default a document has all
-/// six axes.
+/// Runs `act`, which reads or writes a document with these axes on this thread. By default a
+/// document has all six axes.
 pub fn among<T>(axes: Axes, act: impl FnOnce() -> T) -> T {
     let _outside = Outside(AXES.replace(axes));
     act()

@@ -1,8 +1,8 @@
 //! All rows of one or more logs, or of arrays, in memory.
 //!
-//! Rows stay in the blocks that they were read in. They are copied only once, and results that depend on the
-//! block boundaries do not depend on the source of the rows. Data sets derived from a data set share its
-//! blocks: leaving out rows copies only the blocks that contain them.
+//! Rows stay in the blocks that they were read in, and derived data sets share them: leaving out
+//! rows copies only the blocks that contain them. Results that depend on block boundaries do not
+//! depend on the source of the rows.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -116,8 +116,8 @@ impl Dataset {
         fingerprint
     }
 
-    /// Makes a data set from blocks of arrays, each with [`BLOCK_ROWS`] rows except the last: readings, six
-    /// wrench columns, and optionally labels and weights.
+    /// Makes a data set from blocks of arrays, each with [`BLOCK_ROWS`] rows except the last:
+    /// readings, six wrench columns, and optionally labels and weights.
     pub fn from_blocks(name: impl Into<PathBuf>, axes: Axes, mut blocks: Vec<Block>) -> Self {
         let mut start = 0;
         for block in &mut blocks {
@@ -191,8 +191,8 @@ impl Dataset {
         data
     }
 
-    /// Returns the rows that are not in `excluded` and, if `fresh`, whose readings differ from those of the
-    /// previous row.
+    /// Returns the rows that are not in `excluded` and, if `fresh`, whose readings differ from
+    /// those of the previous row.
     #[must_use]
     pub fn select(&self, fresh: bool, excluded: &RowSet) -> Self {
         if !fresh && excluded.is_empty() {

@@ -1,13 +1,12 @@
-//! Escaping text for other languages, with one function per language.
-//!
-//! Names of files, columns, groups and sensors may contain any characters. Each function returns text that
-//! its language reads as data, and that reads back as the original where the language can represent it.
+//! Escaping text for other languages, with one function per language. Names of files, columns,
+//! groups and sensors may contain any characters; each function returns text that its language
+//! reads as data, and as the original where the language can represent it.
 
 use std::borrow::Cow;
 use std::fmt::Write;
 
-/// Returns true if a character is not visible: controls, line ends, characters that change the direction of
-/// text, and characters without width (Unicode 15.1, categories Cc, Cf, Zl and Zp).
+/// Returns true if a character is not visible: controls, line ends, characters that change the
+/// direction of text, and characters without width (Unicode 15.1, categories Cc, Cf, Zl and Zp).
 pub const fn is_invisible(character: char) -> bool {
     matches!(
         character,
@@ -19,7 +18,6 @@ pub const fn is_invisible(character: char) -> bool {
     )
 }
 
-/// Replaces each character that `is_special` by what `replaced` writes.
 fn replace(
     text: &str,
     is_special: impl Fn(char) -> bool,
@@ -47,8 +45,8 @@ pub fn terminal(text: &str) -> Cow<'_, str> {
     replace(text, is_invisible, |character, out| out.extend(character.escape_default()))
 }
 
-/// Escapes a JSON document for a terminal: invisible characters within strings are escaped; line ends and
-/// indentation of the document stay.
+/// Escapes a JSON document for a terminal: invisible characters within strings are escaped; line
+/// ends and indentation of the document stay.
 pub fn json(document: &str) -> Cow<'_, str> {
     let is_special = |character| character != '\n' && is_invisible(character);
     replace(document, is_special, |character, out| {
@@ -66,14 +64,14 @@ pub fn script_json(document: &str) -> Cow<'_, str> {
     })
 }
 
-/// Returns true if a character changes the direction of the text after it, so that a page shows something
-/// else than it contains.
+/// Returns true if a character changes the direction of the text after it, so that a page shows
+/// something else than it contains.
 const fn turns(character: char) -> bool {
     matches!(character, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }
 
-/// Escapes text for the content of an element or a quoted attribute in HTML and XML (SVG). Characters that
-/// XML cannot represent, and characters that change the direction of text, become U+FFFD.
+/// Escapes text for an element or a quoted attribute in HTML and XML (SVG). Characters that XML
+/// cannot represent, and those that change the direction of text, become U+FFFD.
 pub fn markup(text: &str) -> Cow<'_, str> {
     let is_special = |character| {
         let is_kept = matches!(character, '\n' | '\t');
@@ -109,8 +107,8 @@ pub fn matlab_comment(text: &str) -> Cow<'_, str> {
     replace(text, is_invisible, |_, out| out.push('\u{fffd}'))
 }
 
-/// Formats a CSV field (RFC 4180), quoted if necessary. It is also quoted if it has blanks at its ends or
-/// contains another separator, which a reader might misinterpret.
+/// Formats a CSV field (RFC 4180), quoted if necessary. It is also quoted if it has blanks at its
+/// ends or contains another separator, which a reader might misinterpret.
 pub fn csv_field(text: &str) -> Cow<'_, str> {
     let is_plain = !text.contains([',', '"', '\n', '\r', ';', '|', '\t']) && text.trim() == text;
     match is_plain {

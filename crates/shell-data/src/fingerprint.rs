@@ -1,13 +1,11 @@
-//! Fingerprints that show whether two logs contain the same rows, regardless of their file formats.
-//!
-//! A copy of a log among the training logs counts its rows twice. If one copy is held out or used for the
-//! test, errors look far smaller than they are.
+//! Fingerprints that show whether two logs contain the same rows, in any file format. A copy of a
+//! log among the training logs counts its rows twice; if it is held out, errors look far too small.
 
 use std::fmt;
 
 use crate::{Block, vectorised};
 
-/// A hash of the rows of a log: equal for equal rows in any order, and almost never equal for different rows.
+/// A hash of the rows of a log: equal for equal rows in any order, almost never for different rows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Fingerprint {
     rows: u64,
@@ -16,7 +14,6 @@ pub struct Fingerprint {
     squares: u64,
 }
 
-/// Formats the fingerprint for documents.
 impl fmt::Display for Fingerprint {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "rows:{}:{:016x}{:016x}", self.rows, self.sum, self.squares)
@@ -41,8 +38,8 @@ impl Fingerprint {
         self.squares = self.squares.wrapping_add(other.squares);
     }
 
-    /// Returns the indices of the first log that has the same rows as an earlier one: the earlier log, then
-    /// the copy.
+    /// Returns the indices of the first log that has the same rows as an earlier one: the earlier
+    /// log, then the copy.
     pub fn first_copy(logs: &[Self]) -> Option<(usize, usize)> {
         let copy_of = |(later, fingerprint): (usize, &Self)| {
             let earlier = logs[..later].iter().position(|earlier| earlier == fingerprint);
@@ -52,8 +49,8 @@ impl Fingerprint {
     }
 }
 
-/// Returns an unmixed hash for each of `rows` rows: rows that differ may have hashes that differ in only a
-/// few bits, so mix them before use. `start` is the hash of a row without columns.
+/// Returns an unmixed hash for each of `rows` rows: rows that differ may have hashes that differ in
+/// only a few bits, so mix them before use. `start` is the hash of a row without columns.
 #[inline(always)]
 pub fn row_hashes<'a>(
     start: u64,
@@ -61,7 +58,7 @@ pub fn row_hashes<'a>(
     columns: impl Iterator<Item = &'a [f64]>,
 ) -> Vec<u64> {
     let mut hashes = vec![start; rows];
-    // Rotation and addition: every processor has both for vectors of 64-bit integers; few have the product.
+    // Rotation and addition: every processor has both for vectors of 64-bit integers.
     for column in columns {
         for (hash, value) in hashes.iter_mut().zip(column) {
             *hash = hash.rotate_left(23).wrapping_add(value.to_bits());

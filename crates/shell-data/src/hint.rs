@@ -1,7 +1,5 @@
-//! Hints on how to fix an error: the flag, the file or the column.
-//!
-//! A hint is defined next to the error that it belongs to. An error that only wraps another returns the hint
-//! of that one.
+//! Hints on how to fix an error: the flag, the file or the column. A hint is defined next to its
+//! error; an error that only wraps another returns that one's hint.
 
 use std::error::Error;
 use std::fmt::Display;

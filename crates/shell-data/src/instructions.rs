@@ -1,8 +1,6 @@
-//! The vector instructions in use: by default the widest that the processor has. A test or a benchmark can
-//! ask for narrower ones.
-//!
-//! The environment variable [`VARIABLE`] names an instruction set. Results are identical bit for bit with
-//! each set.
+//! The vector instructions in use: by default the widest that the processor has. The environment
+//! variable [`VARIABLE`] names narrower ones for a test or benchmark; results are identical bit for
+//! bit.
 
 use std::sync::LazyLock;
 
@@ -10,8 +8,7 @@ use pulp::Arch;
 #[doc(hidden)]
 pub use pulp::{Simd, WithSimd};
 
-/// The environment variable that names an instruction set: `avx512`, `avx2`, `neon`, or `none` for the set
-/// that every processor has.
+/// Variable that names an instruction set: `avx512`, `avx2`, `neon`, or `none` for the common set.
 pub const VARIABLE: &str = "SHELLCAL_INSTRUCTIONS";
 
 /// Returns the instruction sets of this processor, widest first.
@@ -52,12 +49,11 @@ pub fn arch() -> Arch {
     *CHOSEN
 }
 
-/// Defines functions whose loops are compiled for the vectors of every instruction set, and run with those of
-/// [`arch`].
+/// Defines functions whose loops are compiled for the vectors of every instruction set, and run
+/// with those of [`arch`].
 ///
-/// The whole body is inlined into code for each set, including the functions that it calls if they are
-/// `#[inline(always)]`. A closure may remain a separate function, compiled without wide vectors, that calls
-/// the library for every fused multiply-add.
+/// The body is inlined into code for each set, with the functions that it calls if they are
+/// `#[inline(always)]`. A closure may remain a separate function without wide vectors.
 ///
 /// ```
 /// shell_data::vectorised! {
@@ -73,8 +69,8 @@ pub fn arch() -> Arch {
 /// assert_eq!(y, [7.0, 10.0]);
 /// ```
 ///
-/// A function that uses vectors explicitly begins with a parameter for them, which its callers omit:
-/// `fn add<S: Simd>(simd: S, …)`. An invocation of the macro can define only one such function.
+/// A function with explicit vectors begins with a parameter for them, which callers omit:
+/// `fn add<S: Simd>(simd: S, …)`. The macro can define only one such function at a time.
 #[macro_export]
 macro_rules! vectorised {
     (@output) => { () };

@@ -1,17 +1,4 @@
-//! The data types that all crates of this workspace share.
-//!
-//! - [`wrench`]: the six axes, their order, names and units;
-//! - [`block`]: a run of consecutive log rows, column by column;
-//! - [`by_axis`]: values per axis in JSON documents;
-//! - [`converter`]: the range of a converter and saturated readings;
-//! - [`escape`]: escaping text for other languages;
-//! - [`fingerprint`]: detection of logs with the same rows;
-//! - [`hint`]: hints on how to fix an error;
-//! - [`instructions`]: the vector instructions in use;
-//! - [`lock`]: locks that stay usable after a panic;
-//! - [`statistics`]: mean and variance, block by block, and the median;
-//! - [`telemetry`]: the columns of a robot's telemetry;
-//! - [`unit`](mod@unit): parsing units as people write them.
+//! Data types that all crates of this workspace share.
 //!
 //! SI units throughout (s, N, N·m). Frame: x forward, y left, z up.
 //!

@@ -1,9 +1,9 @@
 //! Random numbers that are identical bit for bit on every machine.
 //!
-//! The generator is ChaCha with 8 rounds. Its key is made from a seed and a purpose, so that two purposes
-//! never share numbers and a new purpose does not change the numbers of the others. Normal deviates come from
-//! the Box–Muller transform (Box & Muller, Ann. Math. Statist. 29, 610, 1958) over `libm`, because the
-//! logarithm and sine of the standard library differ between platforms.
+//! The generator is ChaCha with 8 rounds, keyed by a seed and a purpose: two purposes never share
+//! numbers. Normal deviates come from the Box–Muller transform (Box & Muller, Ann. Math. Statist.
+//! 29, 610, 1958) over `libm`, as the standard library's logarithm and sine differ between
+//! platforms.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};

@@ -1,7 +1,7 @@
 //! Mean and variance, block by block, and the median.
 //!
-//! Blocks are merged with the formula of Chan, Golub and LeVeque (Amer. Statist. 37, 1983), which avoids
-//! cancellation: a mean much larger than the spread costs no digits.
+//! Blocks are merged with the formula of Chan, Golub and LeVeque (Amer. Statist. 37, 1983), which
+//! avoids cancellation: a mean much larger than the spread costs no digits.
 //!
 //! ```
 //! use shell_data::statistics::RunningVariance;
@@ -13,10 +13,8 @@
 
 use crate::vectorised;
 
-/// Number, mean and sum of squared deviations of values, which can be merged with those of other values.
-///
-/// The default, zero values, is the identity of [`merge`](Self::merge). `merge` is commutative and
-/// associative up to rounding, not bit for bit.
+/// Number, mean and sum of squared deviations of values. The default is the identity of
+/// [`merge`](Self::merge), which is commutative and associative up to rounding.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RunningVariance {
     /// Number of values.
@@ -33,8 +31,8 @@ pub fn upper_median(values: &mut [f64]) -> Option<f64> {
     (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-/// Returns the quantile of ascending values, at least one, at rank `(n − 1)·share`, interpolated linearly
-/// between the two nearest values (type 7 of Hyndman & Fan, Am. Statist. 50, 1996).
+/// Returns the quantile of ascending values, at least one, at rank `(n − 1)·share`, interpolated
+/// linearly between the two nearest values (type 7 of Hyndman & Fan, Am. Statist. 50, 1996).
 pub fn quantile(sorted: &[f64], share: f64) -> f64 {
     let rank = (sorted.len() - 1) as f64 * share;
     let below = rank as usize;
@@ -48,8 +46,8 @@ pub fn extremes(values: impl IntoIterator<Item = f64>) -> (f64, f64) {
     values.into_iter().fold(none, |(least, greatest), x| (least.min(x), greatest.max(x)))
 }
 
-/// Weights of the difference of the means of two sets of values, `a` and `b`, when sums about these means are
-/// merged: `mean += (b − a)·weights.mean`, `Σ(x − x̄)(y − ȳ) += (b_x − a_x)·(b_y − a_y)·weights.product`.
+/// Weights of the difference of the means of two sets when sums about them are merged:
+/// `mean += (b − a)·weights.mean`, `Σ(x − x̄)(y − ȳ) += (b_x − a_x)·(b_y − a_y)·weights.product`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MergeWeights {
     /// `m / (n + m)`.
@@ -121,10 +119,8 @@ vectorised! {
     }
 }
 
-/// Number of interleaved sums.
 const LANES: usize = 16;
 
-/// Returns the sums of `x − origin` and of its square over a column.
 #[inline(always)]
 fn sums_about(column: &[f64], origin: f64) -> (f64, f64) {
     let (mut sums, mut squares) = ([0.0; LANES], [0.0; LANES]);
@@ -169,8 +165,8 @@ mod tests {
         let mut merged = RunningVariance::default();
         column.chunks(7).for_each(|part| merged.merge(&RunningVariance::new(part)));
         assert_eq!(RunningVariance::new(&column).rms_about_mean(), 1.0);
-        // The means of the parts are rounded at 10¹² · 2⁻⁵³ = 1e-4; a sum of squares would have an error of
-        // 10²⁴ · 2⁻⁵³ = 1e8.
+        // The means of the parts are rounded at 10¹² · 2⁻⁵³ = 1e-4; a sum of squares would have an
+        // error of 10²⁴ · 2⁻⁵³ = 1e8.
         assert!((merged.rms_about_mean() - 1.0).abs() < 1e-4);
     }
 

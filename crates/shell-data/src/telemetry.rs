@@ -43,9 +43,8 @@ pub enum Telemetry {
     AccelerationZ,
 }
 
-/// Columns in the order of [`Telemetry`], each with its name for people and its names in logs, in lower case
-/// without spaces and punctuation; the lab's own names come first. `gryoy` is a misspelling in some of the
-/// lab's logs.
+/// Columns with their names for people and in logs, in lower case without spaces and punctuation;
+/// the lab's own come first. `gryoy` is misspelt in some of its logs.
 const COLUMNS: [(Telemetry, &str, &str); 19] = {
     use Telemetry::*;
     [

@@ -1,12 +1,13 @@
 //! Units of measurement as people write them: `N`, `mN·m`, `lbf-in`, `mm.N`, `kgf cm`, `m/s^2`,
 //! `milliseconds`.
 //!
-//! A unit is a product of symbols with prefixes and exponents. Factors are separated by any mark or by none:
-//! `N-m`, `N m`, `N.m`, `N*m`, `N·m` and `Nm` are the same unit. A digit after a `-` is an exponent
-//! (`m s-2`). Case distinguishes `MN` from `mN`; if nothing matches otherwise (`fx_n`, `LBF`), the case of
-//! symbols is ignored, but not the case of prefixes. The expected quantity resolves the remaining ambiguity:
-//! `nm` is a moment, `g` is an acceleration or, as a force, the weight of a gram, like the weights of other
-//! masses (`kg`, `lb`, `oz`). Units of other quantities, such as `N/mm` for a moment, are rejected.
+//! A unit is a product of symbols with prefixes and exponents. Factors are separated by any mark or
+//! by none: `N-m`, `N m`, `N.m`, `N*m`, `N·m` and `Nm` are the same unit. A digit after a `-` is an
+//! exponent (`m s-2`). Case distinguishes `MN` from `mN`; if nothing matches otherwise (`fx_n`,
+//! `LBF`), the case of symbols is ignored, not that of prefixes. The expected quantity resolves the
+//! remaining ambiguity: `nm` is a moment, `g` an acceleration or, as a force, the weight of a gram,
+//! like other masses (`kg`, `lb`, `oz`). Units of other quantities, such as `N/mm` for a moment,
+//! are rejected.
 
 use crate::wrench::Axis;
 
@@ -42,7 +43,6 @@ impl Quantity {
         }
     }
 
-    /// Returns the exponents of kg, m, s and rad.
     const fn dimension(self) -> Dimension {
         match self {
             Self::Force => FORCE,
@@ -54,7 +54,6 @@ impl Quantity {
     }
 }
 
-/// Exponents of kg, m, s and rad.
 type Dimension = [i8; 4];
 const MASS: Dimension = [1, 0, 0, 0];
 const LENGTH: Dimension = [0, 1, 0, 0];
@@ -63,10 +62,8 @@ const ANGLE: Dimension = [0, 0, 0, 1];
 const FORCE: Dimension = [1, 1, -2, 0];
 const ACCELERATION: Dimension = [0, 1, -2, 0];
 
-/// A conversion of values to SI units: `value · times / per`.
-///
-/// Powers of ten below one are divisors, because a division rounds correctly and a multiplication by the
-/// inverse does not.
+/// A conversion of values to SI units: `value · times / per`. Powers of ten below one are divisors:
+/// a division rounds correctly, a multiplication by the inverse does not.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scale {
     /// A factor, 1 for the metric units.
@@ -131,8 +128,8 @@ impl Unit {
 /// A symbol: names, the first for output; dimension; size as a factor and a power of ten; allowed prefixes.
 struct Symbol(&'static [&'static str], Dimension, f64, i32, &'static str);
 
-/// The pound is 0.45359237 kg and the inch 0.0254 m (international yard and pound agreement, 1959), standard
-/// gravity 9.80665 m/s² (3rd CGPM, 1901).
+/// The pound is 0.45359237 kg and the inch 0.0254 m (international yard and pound agreement, 1959),
+/// standard gravity 9.80665 m/s² (3rd CGPM, 1901).
 const SYMBOLS: [Symbol; 20] = [
     Symbol(&["N", "newton"], FORCE, 1.0, 0, "nµumcdDkMG"),
     Symbol(&["lbf", "lbsf"], FORCE, 4.448_221_615_260_5, 0, "k"),
@@ -174,7 +171,6 @@ const PREFIXES: [(char, &[&str], i32); 10] = [
 const SHORT_TIMES: [(&str, &str, i32); 3] =
     [("millis", "ms", -3), ("micros", "µs", -6), ("nanos", "ns", -9)];
 
-/// A product of symbols.
 #[derive(Clone, Debug)]
 struct Product {
     dimension: Dimension,
@@ -230,7 +226,6 @@ impl Product {
     }
 }
 
-/// The largest number of factors in a unit.
 const MOST_FACTORS: usize = 6;
 
 /// Splits a unit into words and their exponents; `None` if it is not a unit.
@@ -323,7 +318,7 @@ fn products(factors: &[(String, i8)], folded: bool) -> Vec<Product> {
     products
 }
 
-/// Returns the possible meanings of a word: a symbol with a prefix, or else two symbols without a separator.
+/// Possible meanings of a word: a symbol with a prefix, or else two symbols without a separator.
 fn words(word: &str, folded: bool) -> Vec<Product> {
     let mut found = symbols(word, folded);
     if !found.is_empty() {

@@ -1,6 +1,5 @@
-//! The wrench on the shell: the one definition of axis order, names and units.
-//!
-//! Frame: x forward, y left, z up. Forces in N, moments in N·m. *Drag* is −Fx, *lift* is Fz.
+//! The wrench on the shell: the one definition of axis order, names and units. Frame: x forward, y
+//! left, z up. Forces in N, moments in N·m. *Drag* is −Fx, *lift* is Fz.
 
 use std::fmt;
 
@@ -76,10 +75,8 @@ pub fn cross([ax, ay, az]: [f64; 3], [bx, by, bz]: [f64; 3]) -> [f64; 3] {
     [ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx]
 }
 
-/// A set of wrench axes, in the order of [`Axis::ALL`]. A reference may measure only some of them.
-///
-/// In memory, a wrench always has all six axes ([`PerAxis`]); the columns and coefficients of absent axes are
-/// zero. Output contains only the axes that are present, which [`Axes::of`] selects.
+/// A set of wrench axes, in order. A wrench in memory has all six ([`PerAxis`]), with zero for
+/// absent axes; output contains only the axes that are present, which [`Axes::of`] selects.
 #[derive(Clone, Copy, Default, PartialEq, Eq, Hash)]
 pub struct Axes(u8);
 
@@ -139,8 +136,8 @@ impl Axes {
         self.iter().map(|axis| (axis, values[axis.index()].clone())).collect()
     }
 
-    /// Returns `values`, one for each axis in the set, at the positions of their axes and `absent` at the
-    /// others. `None` if their number is not that of the axes.
+    /// Returns `values`, one for each axis in the set, at the positions of their axes and `absent`
+    /// at the others. `None` if their number is not that of the axes.
     pub fn spread<T: Clone>(self, values: Vec<T>, absent: &T) -> Option<PerAxis<T>> {
         if values.len() != self.count() {
             return None;

@@ -1,10 +1,10 @@
 //! More than two hundred spellings of units, compared with other programs that parse units.
 //!
-//! Pint 0.25.3 (Python) and UDUNITS 2 (cf-units 3.3.1) gave the size of each spelling in SI units. The table
-//! lists the spellings for which Pint gives this size, then those for which only UDUNITS does, then the rest,
-//! whose size is Pint's for the product written out (`lbf * inch`). Reasons for the rest: Pint reads `N-m` as
-//! a difference, UDUNITS as a product; UDUNITS reads `oz` as a volume; neither accepts a mass for its weight,
-//! words without a separator, or capitals.
+//! Pint 0.25.3 (Python) and UDUNITS 2 (cf-units 3.3.1) gave the size of each spelling in SI units.
+//! The table lists the spellings for which Pint gives this size, then those for which only UDUNITS
+//! does, then the rest, with Pint's size for the product written out (`lbf * inch`): Pint reads
+//! `N-m` as a difference, UDUNITS reads `oz` as a volume, and neither accepts a mass for its
+//! weight, words without a separator, or capitals.
 
 use std::f64::consts::PI;
 
@@ -128,7 +128,7 @@ fn a_unit_is_shown_in_one_way() {
 
 #[test]
 fn metric_units_only_divide_by_powers_of_ten() {
-    // A division rounds correctly, so a log in mN reads like the same log in N with the decimal point moved.
+    // A division rounds correctly: a log in mN reads like one in N with the decimal point moved.
     let scale = |text| Unit::parse(text, Moment).unwrap().scale;
     assert_eq!((scale("N·mm").times, scale("N·mm").per), (1.0, 1e3));
     assert_eq!(scale("mNm"), scale("mm.N"));

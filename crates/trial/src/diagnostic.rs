@@ -13,7 +13,6 @@ pub enum Severity {
     Warning,
 }
 
-/// Information that a reader of a trial's results should know.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Diagnostic {
     pub severity: Severity,
@@ -23,17 +22,14 @@ pub struct Diagnostic {
 }
 
 impl Diagnostic {
-    /// A note on how the log was recorded.
     pub(super) fn note(code: &'static str, text: impl Into<String>) -> Self {
         Self { severity: Severity::Note, code, text: text.into() }
     }
 
-    /// A warning that results may be worse than they look.
     pub fn warning(code: &'static str, text: impl Into<String>) -> Self {
         Self { severity: Severity::Warning, code, text: text.into() }
     }
 
-    /// A note that the window was found in the forces.
     pub fn found_window(found: &Proposal) -> Self {
         let text = format!(
             "the window was found in the drag: confidence {:.0} %, entry ± {:.3} s, exit ± {:.3} s",

@@ -9,10 +9,8 @@ pub(super) const FEWEST_PERIODS: f64 = 10.0;
 
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum TrialError {
-    /// The calibration lacks axes that the results need.
     #[error("drag and lift are made of Fx and Fz: the calibration has no {0}")]
     Axes(Axes),
-    /// The window from `enter` to `exit` is not within the log, whose rows run from `first` to `last`, s.
     #[error(
         "the window from `{enter}` to `{exit}` s is not within the log, which runs from `{first}` to \
          `{last}` s"
@@ -29,25 +27,19 @@ pub enum TrialError {
          `{period}` s each"
     )]
     Short { enter: f64, exit: f64, period: f64 },
-    /// A velocity, mass or length that is not positive.
     #[error("{what} is `{value}`, expected a positive number")]
     NotPositive { what: &'static str, value: f64 },
     /// Time runs backwards: row `row`, from 1, is at `after`, s, and the previous row at `before`.
     #[error("the clock jumps back from `{before}` to `{after}` s at row {row}")]
     Backward { row: u64, before: f64, after: f64 },
-    /// The clock stands still over all rows of the log; the field is their number.
     #[error("the clock does not move on: `{0}` rows, all at one time")]
     NoClock(u64),
-    /// The numbers of channels of log and calibration differ.
     #[error("the log has `{found}` sensor channels, the calibration `{expected}`")]
     Channels { expected: usize, found: usize },
-    /// Neither forces nor energies can be computed.
     #[error("nothing to compute: {0}")]
     Nothing(String),
-    /// The log cannot give forces with these options.
     #[error(transparent)]
     Forces(#[from] forces::ForceError),
-    /// The named result is not a finite number.
     #[error("the {0} is not finite: readings or telemetry are far outside what they can be")]
     NotFinite(&'static str),
 }

@@ -24,8 +24,8 @@ use shell_data::wrench::Axis;
 /// Evaluates a trial on the rows around its window.
 ///
 /// # Errors
-/// [`TrialError`] if the window is not within the log, a number of the trial is invalid, or nothing can be
-/// computed at all.
+/// [`TrialError`] if the window is not within the log, a number of the trial is invalid, or nothing
+/// can be computed at all.
 pub fn evaluate(input: &TrialInput<'_>) -> Result<TrialResult, TrialError> {
     let TrialInput { trial, rows, options, .. } = *input;
     check_window(trial, input.times)?;
@@ -84,8 +84,7 @@ pub fn check_window(trial: &Trial, times: &LogTimes) -> Result<(), TrialError> {
     Ok(())
 }
 
-/// The length of the channel, m, the mean velocity, m/s, and m·g·v̄, W, from the trial or otherwise the
-/// profile.
+/// Length of the channel, m, mean velocity, m/s, and m·g·v̄, W: the trial's or else the profile's.
 fn terms(trial: &Trial, profile: &Profile) -> Result<[f64; 3], TrialError> {
     let positive = |what, value: f64| match value > 0.0 && value.is_finite() {
         true => Ok(value),
@@ -103,14 +102,12 @@ struct TrialEvaluation<'a> {
     input: &'a TrialInput<'a>,
     channel_length_m: f64,
     velocity_m_s: f64,
-    /// m·g·v̄, W.
     weight_power_w: f64,
     window: Range<usize>,
     signals: Signals,
 }
 
 impl TrialEvaluation<'_> {
-    /// The measures over a span of `time_s`; `energy` converts a mean force to drag energy.
     fn measures(&self, span: &Span, time_s: f64, energy: impl Fn(f64) -> f64) -> RunMeasures {
         let forces = self.signals.forces.as_ref();
         let mean = |axis: Axis| forces.map(|forces| span.mean(&forces.wrench[axis.index()]));

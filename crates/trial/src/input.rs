@@ -10,7 +10,6 @@ use shell_data::wrench::PerAxis;
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Trial {
-    /// The log, as the manifest names it.
     pub file: String,
     pub condition: String,
     /// Entry into the channel, s on the log's clock.
@@ -26,23 +25,20 @@ pub struct Trial {
 }
 
 impl Trial {
-    /// A trial of a log between two times, without further data.
     pub fn from_window(file: String, (t_enter_s, t_exit_s): (f64, f64)) -> Self {
         Self { file, t_enter_s, t_exit_s, ..Self::default() }
     }
 }
 
-/// The times of the rows of a whole log.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LogTimes {
     pub first_s: f64,
     pub last_s: f64,
-    /// The usual time between rows, s.
     pub period_s: f64,
 }
 
-/// The rows of a log that a trial needs, column by column: the window, and the rows around it that the
-/// low-pass [needs](forces::PipelineSetup::needed_s).
+/// The rows of a log that a trial needs, column by column: the window, and the rows around it that
+/// the low-pass [needs](forces::PipelineSetup::needed_s).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TrialRows {
     pub times_s: Vec<f64>,
@@ -50,12 +46,10 @@ pub struct TrialRows {
     pub readings: Vec<Vec<f64>>,
     /// True for each row whose readings differ from the previous row.
     pub fresh: Vec<bool>,
-    /// The telemetry columns of the log, in counts.
     pub telemetry: Vec<(Telemetry, Vec<f64>)>,
 }
 
 impl TrialRows {
-    /// A column of telemetry, in counts.
     pub fn telemetry(&self, wanted: Telemetry) -> Option<&[f64]> {
         self.telemetry.iter().find(|(kind, _)| *kind == wanted).map(|(_, column)| &**column)
     }
@@ -63,19 +57,17 @@ impl TrialRows {
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct TrialOptions {
-    /// The conversion of readings to forces.
     #[serde(flatten)]
     pub forces: ForceOptions,
     pub trace: TraceExtent,
     /// The highest reading of the converter, counts.
     pub full_scale: f64,
-    /// The unexplained share of the training loads' variance, 1 − R², if known: the relative error of the
-    /// calibration on any load, which does not average out over frames.
+    /// The unexplained share of the training loads' variance, 1 − R², if known: the relative error
+    /// of the calibration on any load, which does not average out over frames.
     #[serde(skip)]
     pub unexplained: Option<PerAxis<f64>>,
 }
 
-/// The extent of the trace that is kept with the results.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum TraceExtent {
@@ -96,7 +88,6 @@ impl Default for TrialOptions {
     }
 }
 
-/// The robot and the calibration of its shell.
 #[derive(Clone, Copy, Debug)]
 pub struct Instrument<'a> {
     pub profile: &'a Profile,
@@ -109,7 +100,6 @@ pub struct TrialInput<'a> {
     pub trial: &'a Trial,
     pub instrument: Instrument<'a>,
     pub times: &'a LogTimes,
-    /// The rows around the window.
     pub rows: &'a TrialRows,
     /// The pipeline from readings to forces, with the frames of any tare; `None` without forces.
     pub pipeline: Option<&'a ForcePipeline>,

@@ -1,13 +1,12 @@
 //! Means and integrals over a window, of signals known at the times of rows.
 //!
-//! By time, a signal is linear between rows (trapezoid rule), so rows may be missing or uneven, and a window
-//! may begin and end between them. By row, each row in the window is a sample.
+//! By time, a signal is linear between rows (trapezoid rule), so rows may be missing or uneven, and
+//! a window may begin and end between them. By row, each row in the window is a sample.
 
 use std::ops::Range;
 
 use forces::RowRule;
 
-/// A window over rows, with the weight of each row.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Span {
     /// The contributing rows, with their shares of the mean.
@@ -17,11 +16,9 @@ pub(super) struct Span {
 }
 
 impl Span {
-    /// The window from `from_s` to `to_s` over rows at ascending `times`; `None` if the window is not within
-    /// them, has no length or, by row, contains no row.
-    ///
-    /// By row, the integral is the sum of each row's value times the time since the previous row, from the
-    /// second row on.
+    /// The window from `from_s` to `to_s` over rows at ascending `times`; `None` if they do not
+    /// contain it, or it has no length or, by row, no row. By row, the integral sums each row's
+    /// value times the time since the previous row, from the second row on.
     pub(super) fn new(rule: RowRule, times: &[f64], from_s: f64, to_s: f64) -> Option<Self> {
         let around = rows_around(times, from_s, to_s)?;
         if rule == RowRule::Time {
@@ -49,7 +46,6 @@ impl Span {
         })
     }
 
-    /// The mean of a signal with a value for every row.
     pub(super) fn mean(&self, signal: &[f64]) -> f64 {
         self.shares.iter().map(|&(row, share)| share * signal[row]).sum()
     }
@@ -60,13 +56,12 @@ impl Span {
     }
 }
 
-/// The rows at `times` between two times, both included.
 pub(super) fn rows_within(times: &[f64], from_s: f64, to_s: f64) -> Range<usize> {
     times.partition_point(|&t| t < from_s)..times.partition_point(|&t| t <= to_s)
 }
 
-/// The rows from the last one not after `from_s` to the first one not before `to_s`; `None` if these times
-/// are not within the ascending `times`, or not in this order.
+/// The rows from the last one not after `from_s` to the first one not before `to_s`; `None` if
+/// these times are not within the ascending `times`, or not in this order.
 pub(super) fn rows_around(times: &[f64], from_s: f64, to_s: f64) -> Option<Range<usize>> {
     if from_s >= to_s || !(*times.first()? <= from_s && to_s <= *times.last()?) {
         return None;

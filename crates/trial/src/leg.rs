@@ -5,19 +5,16 @@ use std::f64::consts::TAU;
 use super::integral::rows_around;
 use shell_data::statistics::extremes;
 
-/// The time over which the speed of a leg is measured for the prediction of its next angle, s: long enough
-/// against encoder noise, and short against changes of gait.
+/// The time over which the speed of a leg is measured for the prediction of its next angle, s: long
+/// enough against encoder noise, and short against changes of gait.
 const SPEED_OVER_S: f64 = 0.02;
 
-/// The minimum rotation of a leg that does not count as standing still, rad.
+/// Minimum rotation of a leg that does not count as still, rad.
 pub(super) const STILL_RAD: f64 = 0.1;
 
-/// The unwrapped angle of a leg at each row, rad, from an encoder that may wrap to zero after a turn, or
-/// after 2³² counts.
-///
-/// Among the steps that a wrapping encoder allows, the one nearest to an extrapolation of the leg's speed
-/// over the last 20 ms is used. This is correct across missing rows as long as the speed changes by less than
-/// half a turn over the gap.
+/// Unwrapped angle of a leg at each row, rad, from an encoder that wraps to zero after a turn, or
+/// after 2³² counts. The step nearest to an extrapolation of the last 20 ms is used, which is right
+/// across missing rows if the speed changes by less than half a turn over the gap.
 pub(super) fn unwrap(times: &[f64], counts: &[f64], rad_per_count: f64) -> Vec<f64> {
     let (low, high) = extremes(counts.iter().copied());
     let turn = TAU / rad_per_count;
@@ -45,16 +42,14 @@ pub(super) fn unwrap(times: &[f64], counts: &[f64], rad_per_count: f64) -> Vec<f
 pub(super) struct Strides {
     /// Start of each whole stride, and the end of the last, s; empty without strides.
     pub(super) times_s: Vec<f64>,
-    /// The longest time without significant motion, s.
     pub(super) longest_still_s: f64,
 }
 
 impl Strides {
-    /// Finds the whole turns of `angle` in the window from `from_s` to `to_s`, from phase 0 to phase 0, in
-    /// the direction of rotation over the whole window.
-    ///
-    /// A turn ends when the leg first reaches its end. Backward motion that is later made up does not count
-    /// twice, so noise, a stall or a reversal does not create strides.
+    /// Finds the whole turns of `angle` in a window, from phase 0 to phase 0, in the direction of
+    /// rotation over the whole window. A turn ends when the leg first reaches its end; backward
+    /// motion that is later recovered does not count twice, so noise, a stall or a reversal does
+    /// not create strides.
     pub(super) fn new(times: &[f64], angle: &[f64], from_s: f64, to_s: f64) -> Self {
         let Some(rows) = rows_around(times, from_s, to_s) else { return Self::default() };
         let (times, angle) = (&times[rows.clone()], &angle[rows]);
@@ -91,7 +86,6 @@ impl Strides {
         strides
     }
 
-    /// Start and end of each whole stride, s.
     pub(super) fn spans(&self) -> impl Iterator<Item = (f64, f64)> {
         self.times_s.windows(2).map(|pair| (pair[0], pair[1]))
     }
@@ -100,7 +94,6 @@ impl Strides {
         self.times_s.len().saturating_sub(1)
     }
 
-    /// Strides per second, Hz; `None` without strides.
     pub(super) fn frequency_hz(&self) -> Option<f64> {
         let (first, last) = (self.times_s.first()?, self.times_s.last()?);
         Some(self.count() as f64 / (last - first)).filter(|hz| hz.is_finite())

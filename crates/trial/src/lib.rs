@@ -1,5 +1,5 @@
-//! Trials of a robot in a channel: drag, lift, energies and specific resistance, per trial and per stride,
-//! with statistics by condition.
+//! Trials of a robot in a channel: drag, lift, energies and specific resistance, per trial and per
+//! stride, with statistics by condition.
 //!
 //! ```text
 //! TrialRows ──► force pipeline ──► forces ─┐
@@ -7,9 +7,8 @@
 //!        └──► leg angle ──► strides ───────┘
 //! ```
 //!
-//! [`evaluate()`] takes the rows around a trial's window ([`TrialRows`]) and returns its results; `needed_s`
-//! of the pipeline's set-up gives the range of these rows. `docs/trials.md` has the formulas and definitions,
-//! and the crate `forces` the conversion of readings to forces.
+//! [`evaluate()`] takes the rows around a trial's window ([`TrialRows`]), whose range `needed_s` of
+//! the pipeline's set-up gives. `docs/trials.md` has the formulas and definitions.
 
 mod diagnostic;
 mod error;

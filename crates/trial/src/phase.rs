@@ -8,8 +8,8 @@ use shell_data::wrench::Axis;
 
 pub(crate) const PHASES: usize = 32;
 
-/// A force over the phase: mean and standard deviation between strides, in N, for each of `PHASES` equal bins
-/// of the phase.
+/// A force over the phase: mean and standard deviation between strides, in N, for each of `PHASES`
+/// equal bins of the phase.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct PhaseForce {
     /// Mean over the strides of the mean in a bin.
@@ -18,21 +18,18 @@ pub struct PhaseForce {
     pub sd_n: Vec<f64>,
 }
 
-/// Drag and lift over the phase of the right leg.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct PhaseProfile {
     pub strides: usize,
-    /// Middle of each bin of the phase, rad.
     pub phase_rad: Vec<f64>,
     /// Drag, −Fx.
     pub drag: PhaseForce,
-    /// Lift, Fz.
     pub lift: PhaseForce,
 }
 
 impl PhaseProfile {
-    /// Averages the whole strides of a trace between two times, s. Strides without a row in some bin (the leg
-    /// stalled, or rows are missing) are skipped. Returns `None` without forces or without remaining strides.
+    /// Averages the whole strides of a trace in a window, s. Skips strides without a row in some
+    /// bin (the leg stalled, or rows are missing). `None` without forces or without strides left.
     pub fn new(trace: &Trace, [from_s, to_s]: [f64; 2]) -> Option<Self> {
         let spans = trace.stride_times_s.windows(2).map(|pair| [pair[0], pair[1]]);
         let spans = spans.filter(|[start, end]| *start >= from_s && *end <= to_s);
@@ -91,7 +88,6 @@ impl PhaseForce {
     }
 }
 
-/// The means of a force over the bins of one stride.
 fn stride(trace: &Trace, [from, to]: [f64; 2], axis: Axis, sign: f64) -> Option<[f64; PHASES]> {
     let rows = trace.t_s.partition_point(|&t| t < from)..trace.t_s.partition_point(|&t| t < to);
     let force = trace.wrench[axis.index()].get(rows.clone())?;
@@ -143,8 +139,8 @@ mod tests {
             // The first stride starts before the window, the last ends after it.
             assert_eq!(profile.strides, 18);
             for (i, phase) in profile.phase_rad.iter().enumerate() {
-                // Three rows in a bin of width w = 0.2 rad, w/3 apart: their mean is the value at the middle
-                // less (2/3)(kw/3)²/2 of it, 0.6 % for k = 2.
+                // Three rows in a bin of width w = 0.2 rad, w/3 apart: their mean is the value at
+                // the middle less (2/3)(kw/3)²/2 of it, 0.6 % for k = 2.
                 assert!((profile.drag.mean_n[i] - phase.cos()).abs() < 0.0015);
                 assert!((profile.lift.mean_n[i] - (2.0 * phase).sin()).abs() < 0.006);
                 // ±0.1 alternating, 18 strides: sd 0.1 · √(18/17).
@@ -162,8 +158,8 @@ mod tests {
         assert_eq!(whole.strides, merged.strides);
         for (a, b) in [(&whole.drag, &merged.drag), (&whole.lift, &merged.lift)] {
             let pairs = a.mean_n.iter().chain(&a.sd_n).zip(b.mean_n.iter().chain(&b.sd_n));
-            // Sums of eighteen values in another order; the root of rounding errors where the deviation is
-            // zero.
+            // Sums of eighteen values in another order; the root of rounding errors where the
+            // deviation is zero.
             assert!(pairs.into_iter().all(|(a, b)| (a - b).abs() < 1e-7));
         }
     }

@@ -1,8 +1,8 @@
 //! Electrical power of the leg motors.
 //!
-//! The source of power is the first of these in the log: columns of power, the battery's voltage times
-//! columns of current, or the formula of the motor with duty and back EMF. The first two need their units in
-//! the profile.
+//! The source is the first of these in the log: columns of power, the battery's voltage times
+//! columns of current (both need units in the profile), or the formula of the motor with duty and
+//! back EMF.
 
 use std::ops::Range;
 
@@ -19,20 +19,19 @@ pub(super) struct Power {
     pub(super) sides_w: Option<[Vec<f64>; 2]>,
 }
 
-/// Total, right and left.
 const POWERS: [Telemetry; 3] = [Telemetry::Power, Telemetry::RightPower, Telemetry::LeftPower];
 const CURRENTS: [Telemetry; 3] =
     [Telemetry::Current, Telemetry::RightCurrent, Telemetry::LeftCurrent];
 
 const NO_ENERGY: &str = "electrical energy and specific resistance are left out";
 
-/// The plausible range of a robot's battery voltage, V. Readings outside it have another unit than the
-/// profile states.
+/// The plausible range of a robot's battery voltage, V. Readings outside it have another unit than
+/// the profile states.
 const BATTERY_V: std::ops::RangeInclusive<f64> = 0.5..=100.0;
 
 impl Power {
-    /// Computes power from telemetry, or gives the reason why it cannot. The battery is checked in the rows
-    /// `window`.
+    /// Computes power from telemetry, or gives the reason why it cannot. The battery is checked in
+    /// the rows `window`.
     pub(super) fn new(
         rows: &TrialRows,
         profile: &Profile,
@@ -54,7 +53,6 @@ impl Power {
         telemetry.motors(window)
     }
 
-    /// Combines columns of total, right and left power, as far as present.
     fn from_columns([total, right, left]: [Option<Vec<f64>>; 3]) -> Option<Self> {
         let sides_w = right.zip(left).map(|(right, left)| [right, left]);
         let total_w = total.or_else(|| sides_w.as_ref().map(sum))?;
@@ -66,14 +64,14 @@ fn sum([right, left]: &[Vec<f64>; 2]) -> Vec<f64> {
     right.iter().zip(left).map(|(right, left)| right + left).collect()
 }
 
-/// The telemetry of a trial, in the units of its robot.
 struct PowerColumns<'a> {
     rows: &'a TrialRows,
     profile: &'a Profile,
 }
 
 impl PowerColumns<'_> {
-    /// A column in SI units: from the unit in the profile, or otherwise from counts of `per_count` each.
+    /// A column in SI units: from the unit in the profile, or otherwise from counts of `per_count`
+    /// each.
     fn in_si(&self, kind: Telemetry, per_count: Option<f64>) -> Option<Vec<f64>> {
         let unit = self.profile.unit(kind).or(per_count)?;
         Some(self.rows.telemetry(kind)?.iter().map(|value| value * unit).collect())

@@ -1,7 +1,7 @@
 //! Robot profiles: the scales of a robot's telemetry, and its properties.
 //!
-//! A profile is a TOML document. [`Profile::velociroach`] is built in; its file cites the source of each
-//! constant. A document with `base = "velociroach"` lists only the differences from it.
+//! A profile is a TOML document. The file of the built-in [`Profile::velociroach`] cites the source
+//! of each constant; a document with `base = "velociroach"` lists only the differences from it.
 
 use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
@@ -16,7 +16,6 @@ use super::manifest::{ManifestProblem, parse_toml as parse};
 /// The built-in profile as a document, as a template for others.
 pub const VELOCIROACH: &str = include_str!("../assets/profiles/velociroach.toml");
 
-/// A robot and its channel.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Profile {
@@ -30,7 +29,6 @@ pub struct Profile {
     pub channel: TrialChannel,
 }
 
-/// The value of one count in each telemetry column.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TelemetryScales {
@@ -43,7 +41,6 @@ pub struct TelemetryScales {
     pub duty_counts: f64,
 }
 
-/// The form of a telemetry column in the logs of a robot.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TelemetryColumn {
@@ -59,7 +56,6 @@ pub struct TelemetryColumn {
 #[serde(deny_unknown_fields)]
 pub struct Motor {
     pub resistance_ohm: f64,
-    /// Torque constant Kt, N·m/A.
     pub torque_constant_nm_per_a: f64,
 }
 
@@ -68,7 +64,6 @@ pub struct Motor {
 pub struct Robot {
     /// Mass m, shell included, kg.
     pub mass_kg: f64,
-    /// Acceleration of free fall g, m/s².
     pub gravity_m_s2: f64,
     /// Length, m, if known; figures use it to shade entry and exit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -90,8 +85,8 @@ impl Profile {
     /// Reads a profile.
     ///
     /// # Errors
-    /// [`ManifestProblem`] with line and column: not TOML, a missing or unknown key, a constant that is not a
-    /// positive number, or a unit that does not suit the column.
+    /// [`ManifestProblem`] with line and column: not TOML, a missing or unknown key, a constant
+    /// that is not a positive number, or a unit that does not suit the column.
     pub fn parse(text: &str) -> Result<Self, ManifestProblem> {
         let has_base = parse::<Table>(text)?.contains_key("base");
         let profile: Self = if has_base { Differences::parse(text)? } else { parse(text)? };
@@ -131,10 +126,8 @@ impl Profile {
     }
 }
 
-/// A table of constants, with their positions.
 type NamedConstants = BTreeMap<Spanned<String>, f64>;
 
-/// A document with only the differences from a built-in profile.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Differences {
@@ -217,12 +210,10 @@ const COLUMNS: [(&str, Telemetry, Units); 13] = [
     ("left_power", Telemetry::LeftPower, POWER),
 ];
 
-/// The columns that results are computed from.
 pub fn used_telemetry() -> impl Iterator<Item = Telemetry> {
     COLUMNS.into_iter().map(|(_, kind, _)| kind)
 }
 
-/// The key of a column in a profile, if it has one.
 pub(super) fn key_of(kind: Telemetry) -> Option<&'static str> {
     COLUMNS.into_iter().find(|(_, of, _)| *of == kind).map(|(key, ..)| key)
 }
@@ -231,7 +222,6 @@ fn in_si(unit: &str, units: Units) -> Option<f64> {
     units.iter().find(|(name, _)| *name == unit).map(|(_, si)| *si)
 }
 
-/// Checks the entry of the column `key` in a profile; the error is a message.
 fn check_column(key: &str, column: &TelemetryColumn) -> Result<(), String> {
     let Some((.., units)) = COLUMNS.into_iter().find(|(known, ..)| *known == key) else {
         let keys = quoted(COLUMNS.iter().map(|(key, ..)| key), ", ");

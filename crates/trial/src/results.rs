@@ -11,15 +11,13 @@ use super::trace::Trace;
 use super::uncertainty::ForceUncertainty;
 use shell_data::wrench::Axis;
 
-/// The results of one trial. Values that the log or the calibration does not allow are `None`, with the
-/// reason in [`TrialResult::diagnostics`].
+/// The results of one trial. Values that the log or the calibration does not allow are `None`, with
+/// the reason in [`TrialResult::diagnostics`].
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TrialResult {
     #[serde(flatten)]
     pub row: TrialRow,
-    /// One row for each whole stride in the window, in order.
     pub stride_rows: Vec<StrideRow>,
-    /// Diagnostics for the reader of these results.
     #[serde(rename = "remarks")]
     pub diagnostics: Vec<Diagnostic>,
     /// The signals over the window, or over the whole log, if requested.
@@ -31,8 +29,7 @@ pub struct TrialResult {
 }
 
 impl TrialResult {
-    /// The first diagnostic of each kind with the name of its trial, and the number of further ones; notes
-    /// first.
+    /// First diagnostic of each kind with its trial, and the number of further ones; notes first.
     pub fn diagnostics_of_each_kind<'a>(
         trials: impl IntoIterator<Item = (&'a str, &'a Self)>,
     ) -> impl Iterator<Item = (Severity, String)> {
@@ -53,10 +50,8 @@ impl TrialResult {
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TrialRow {
-    /// The log, as the manifest names it.
     pub file: String,
     pub condition: String,
-    /// Entry into the channel, s on the log's clock.
     pub t_enter_s: f64,
     pub t_exit_s: f64,
     pub duration_s: f64,
@@ -65,21 +60,16 @@ pub struct TrialRow {
     pub rows: u64,
     /// Number of rows in the window with new readings; `None` without sensors.
     pub fresh_frames: Option<u64>,
-    /// The measures over the length of the channel.
     #[serde(flatten)]
     pub measures: RunMeasures,
     pub drag_energy_95_j: Option<Interval>,
     pub drag_mean_95_n: Option<Interval>,
     pub lift_mean_95_n: Option<Interval>,
-    /// Number of whole strides in the window; `None` without a leg position.
     pub strides: Option<u64>,
-    /// Strides per second: whole strides over the time from the start of the first to the end of the last,
-    /// Hz.
+    /// Whole strides over the time from the start of the first to the end of the last.
     pub stride_frequency_hz: Option<f64>,
-    /// The length that the drag energy refers to, m.
     #[serde(skip)]
     pub channel_length_m: f64,
-    /// True if most frames are outside the calibrated range.
     #[serde(skip)]
     pub is_beyond_range: bool,
     #[serde(skip)]
@@ -87,9 +77,9 @@ pub struct TrialRow {
 }
 
 impl TrialRow {
-    /// The error of a quantity due to the calibration, as components along directions common to all trials,
-    /// with its degrees of freedom. Returns `None` if it is unknown; it is zero for quantities that do not
-    /// depend on forces.
+    /// The error of a quantity due to the calibration, as components along directions common to all
+    /// trials, with its degrees of freedom. Returns `None` if it is unknown; it is zero for
+    /// quantities that do not depend on forces.
     pub fn shared_error(&self, quantity: Quantity) -> Option<(Vec<f64>, f64)> {
         let (axis, factor) = match quantity {
             Quantity::Drag => (Axis::Fx, -1.0),
@@ -112,15 +102,12 @@ pub struct StrideRow {
     pub stride: u64,
     pub t_start_s: f64,
     pub t_end_s: f64,
-    /// The duration T, s.
     pub period_s: f64,
     pub rows: u64,
-    /// The measures over the length v̄·T.
     #[serde(flatten)]
     pub measures: RunMeasures,
 }
 
-/// The measures of a trial or a stride.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct RunMeasures {
     /// Mean drag, −Fx, N.
@@ -137,20 +124,17 @@ pub struct RunMeasures {
     pub specific_resistance: Option<f64>,
 }
 
-/// Statistics of one quantity in one condition.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ConditionRow {
     pub condition: String,
-    /// The unit of observation, trials or strides.
     pub per: Per,
     pub quantity: Quantity,
     #[serde(flatten)]
     pub statistics: Statistics,
-    /// The difference of the mean from that of the reference condition, if one was named and this is another.
+    /// Difference of the mean from that of the named reference condition, if this is another.
     pub difference: Option<MeanDifference>,
 }
 
-/// The unit of observation of statistics.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Per {
@@ -158,7 +142,6 @@ pub enum Per {
     Stride,
 }
 
-/// A quantity by which trials and strides are compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Quantity {
@@ -214,12 +197,10 @@ impl Quantity {
         self.texts()[1]
     }
 
-    /// The SI unit for display; empty without one.
     pub const fn unit(self) -> &'static str {
         self.texts()[2]
     }
 
-    /// The value of this quantity in the measures of a trial or a stride.
     pub fn of(self, measures: &RunMeasures) -> Option<f64> {
         match self {
             Self::Drag => measures.drag_mean_n,

@@ -15,12 +15,11 @@ use shell_data::statistics::{extremes, upper_median};
 use shell_data::telemetry::Telemetry;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// A stall is reported if the leg stands still for this number of strides.
+/// Strides without rotation that are reported as a stall.
 const STALL_STRIDES: f64 = 2.0;
 
 const NO_FORCES: &str = "forces and drag energy are left out";
 
-/// The signals that can be computed from the rows of a trial.
 pub(super) struct Signals {
     pub(super) forces: Option<TrialForces>,
     pub(super) power: Option<Power>,
@@ -28,16 +27,15 @@ pub(super) struct Signals {
     right_leg: Vec<f64>,
     left_leg: Vec<f64>,
     pub(super) strides: Option<Strides>,
-    /// True if most frames of the window are outside the calibrated range.
     pub(super) is_beyond: bool,
 }
 
 impl Signals {
-    /// Computes the signals, and adds `diagnostics` on missing data and on anything unusual in the rows
-    /// `window`.
+    /// Computes the signals, and adds `diagnostics` on missing data and on the rows `window`.
     ///
     /// # Errors
-    /// [`TrialError`] if there are neither forces nor power, or the sensors do not match the calibration.
+    /// [`TrialError`] if there are neither forces nor power, or the sensors do not match the
+    /// calibration.
     pub(super) fn new(
         input: &TrialInput<'_>,
         window: Range<usize>,
@@ -152,11 +150,9 @@ pub(super) struct TrialForces {
     /// Tared and filtered, one value per row, N and N·m; axes that were not requested are empty.
     pub(super) wrench: PerAxis<Vec<f64>>,
     pub(super) frame_of_row: Vec<usize>,
-    /// Readings of each frame, counts, one column per channel.
     pub(super) frames: Vec<Vec<f64>>,
 }
 
-/// The readings of each distinct frame, and the number of its frame for every row.
 fn frames(rows: &TrialRows) -> (Vec<Vec<f64>>, Vec<usize>) {
     let is_new = |row: usize| row == 0 || rows.fresh[row];
     let new_rows: Vec<usize> = (0..rows.times_s.len()).filter(|&row| is_new(row)).collect();
@@ -174,7 +170,6 @@ pub(super) fn count_fresh(rows: &TrialRows, window: Range<usize>) -> u64 {
     rows.fresh[window].iter().filter(|fresh| **fresh).count() as u64
 }
 
-/// Reports repeated and missing rows.
 fn diagnose_rows(input: &TrialInput<'_>, window: Range<usize>, diagnostics: &mut Vec<Diagnostic>) {
     let rows = window.len() as u64;
     let missing = missing_rows(&input.rows.times_s[window.clone()], input.times.period_s);
@@ -202,7 +197,7 @@ fn missing_rows(times: &[f64], period_s: f64) -> u64 {
     times.windows(2).map(|pair| missing(pair).saturating_sub(1)).sum()
 }
 
-/// Reports a tare that was not taken at rest.
+/// Reports a tare in which the sensor or the robot was not still.
 fn diagnose_tare(tare: &TareFrames, profile: &Profile, enter_s: f64) -> Vec<Diagnostic> {
     let mut diagnostics = Vec::new();
     // The rotation of the right leg; 0 if unknown.
@@ -223,7 +218,6 @@ fn diagnose_tare(tare: &TareFrames, profile: &Profile, enter_s: f64) -> Vec<Diag
     diagnostics
 }
 
-/// Reports unreliable readings.
 fn diagnose_frames(
     calibration: &Calibration,
     readings: &[Vec<f64>],
@@ -244,7 +238,6 @@ fn diagnose_frames(
     })
 }
 
-/// Reports legs that do not turn.
 fn diagnose_legs(strides: Option<&Strides>) -> Option<Diagnostic> {
     let Some(strides) = strides else {
         let text = "the log has no right leg position: strides are left out";

@@ -1,19 +1,17 @@
 //! Statistics of a small number of trials, or of their strides.
 //!
-//! - Quartiles interpolate between the two nearest values at rank `(n − 1)·p` (type 7 of Hyndman & Fan, Am.
-//!   Statist. 50, 1996), the default of NumPy, matplotlib and R.
-//! - Whiskers are Tukey's: the outermost values within 1.5 interquartile ranges of the box; values beyond are
-//!   outliers.
-//! - Intervals are for the mean, by the bootstrap, bias-corrected and accelerated (BCa: Efron, J. Am.
-//!   Statist. Assoc. 82, 1987; Efron & Tibshirani, An Introduction to the Bootstrap, §14.3). The bootstrap is
-//!   too narrow for few trials, so the normal quantile is replaced by `√(n/(n − 1))·t` (Hesterberg, Am.
-//!   Statist. 69, 2015, §4.1).
-//! - With fewer than eight trials, resampling is not informative enough, and the interval is Student's. With
-//!   fewer than five there is no interval.
-//! - The error of the calibration is common to all trials, and does not average out: it is added to the
-//!   intervals in quadrature.
-//! - Strides of one trial resemble each other. The bootstrap therefore resamples whole trials with all their
-//!   strides (Davison & Hinkley, Bootstrap Methods, §3.8); the mean is over strides.
+//! - Quartiles interpolate between the two nearest values at rank `(n − 1)·p` (type 7 of Hyndman &
+//!   Fan, Am. Statist. 50, 1996), as in NumPy, matplotlib and R.
+//! - Whiskers are Tukey's: the outermost values within 1.5 interquartile ranges of the box.
+//! - Intervals of the mean are from the bias-corrected and accelerated bootstrap (BCa: Efron, J.
+//!   Am. Statist. Assoc. 82, 1987; Efron & Tibshirani, An Introduction to the Bootstrap, §14.3). It
+//!   is too narrow for few trials, so the normal quantile is replaced by `√(n/(n − 1))·t`
+//!   (Hesterberg, Am. Statist. 69, 2015, §4.1). With fewer than eight trials the interval is
+//!   Student's; with fewer than five there is none.
+//! - The error of the calibration is common to all trials and does not average out: it is added in
+//!   quadrature.
+//! - Strides of one trial resemble each other. The bootstrap therefore resamples whole trials with
+//!   all their strides (Davison & Hinkley, Bootstrap Methods, §3.8); the mean is over strides.
 
 use serde::Serialize;
 use statrs::distribution::{ContinuousCDF, Normal};
@@ -22,38 +20,33 @@ use calibration::uncertainty::student_quantile;
 use shell_data::random::{Purpose, RandomStream};
 use shell_data::statistics::quantile;
 
-/// Number of bootstrap samples.
 pub(crate) const RESAMPLES: usize = 4000;
 
-/// The confidence level of intervals.
 const LEVEL: f64 = 0.95;
 
 /// The minimum number of trials for an interval: the range of n values contains the median of their
 /// distribution with a probability of 1 − 2¹⁻ⁿ, 94 % for five.
 const FEWEST: usize = 5;
 
-/// The minimum number of trials for the bootstrap interval. With five normal values it covers 91 %, and
-/// Student's interval 95 %.
+/// The minimum number of trials for the bootstrap interval. With five normal values it covers 91 %,
+/// and Student's interval 95 %.
 const FEWEST_BOOTSTRAPPED: usize = 8;
 
-/// The maximum number of trials that are resampled. With more, the distribution of the mean is normal except
-/// for its skewness, which is known, and resampling takes minutes.
+/// The maximum number of trials that are resampled. With more, the distribution of the mean is
+/// normal except for its skewness, which is known, and resampling takes minutes.
 const MOST_DRAWN: usize = 5000;
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ValueSample {
     values: Vec<f64>,
-    /// Sum and number of the values of each cluster.
     clusters: Vec<(f64, usize)>,
     /// Errors common to all trials, along common directions: sums over the values.
     shared: Vec<f64>,
-    /// Degrees of freedom of the common errors.
     degrees_of_freedom: Option<f64>,
     /// True if the error of some trial is unknown.
     is_unknown: bool,
 }
 
-/// An interval in the quantity's unit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Interval {
     pub low: f64,
@@ -84,11 +77,9 @@ pub struct Statistics {
     pub values: Vec<f64>,
 }
 
-/// The difference of a mean from that of a reference condition.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct MeanDifference {
     pub reference: String,
-    /// The mean minus that of the reference.
     pub mean: f64,
     /// The 95 % interval of the difference; `None` if either has fewer than five trials.
     pub mean_95: Option<Interval>,
@@ -105,8 +96,8 @@ impl ValueSample {
         }
     }
 
-    /// Adds the common errors of the `values` of the trial added last: components along directions common to
-    /// all trials, each one standard deviation.
+    /// Adds the common errors of the `values` of the trial added last: components along directions
+    /// common to all trials, each one standard deviation.
     pub fn add_shared_error(&mut self, parts: &[f64], degrees_of_freedom: f64) {
         let count = self.clusters.last().map_or(0, |(_, count)| *count) as f64;
         self.shared.resize(self.shared.len().max(parts.len()), 0.0);
@@ -120,14 +111,13 @@ impl ValueSample {
         self.is_unknown = true;
     }
 
-    /// The mean of the common errors.
     fn mean_shared(&self) -> impl Iterator<Item = f64> + '_ {
         let count = self.values.len().max(1) as f64;
         self.shared.iter().map(move |sum| sum / count)
     }
 
-    /// Widens the interval `scatter` about `mean`, which covers the scatter of trials, by their common error;
-    /// `parts` as in [`Self::add_shared_error`].
+    /// Widens the interval `scatter` about `mean`, which covers the scatter of trials, by their
+    /// common error; `parts` as in [`Self::add_shared_error`].
     fn widened(&self, mean: f64, scatter: Interval, parts: impl Iterator<Item = f64>) -> Interval {
         let error = parts.map(|part| part * part).sum::<f64>().sqrt();
         let degrees = self.degrees_of_freedom.unwrap_or(f64::INFINITY);
@@ -171,8 +161,7 @@ impl ValueSample {
         })
     }
 
-    /// The difference of the mean from that of `reference`, which is called `name`; `None` if either has no
-    /// values.
+    /// Difference of the mean from that of `reference`; `None` if either has no values.
     pub fn difference(&self, reference: &Self, name: &str, seed: u64) -> Option<MeanDifference> {
         if self.values.is_empty() || reference.values.is_empty() {
             return None;
@@ -197,10 +186,9 @@ fn mean(clusters: &[(f64, usize)]) -> f64 {
     sum / n as f64
 }
 
-/// Trials of a sample, with the sign of its mean in the requested sum.
 type Signed<'a> = (f64, &'a [(f64, usize)]);
 
-/// The interval of the signed sum of the samples' means; `None` if some sample has too few clusters.
+/// Interval of the signed sum of means; `None` if some sample has too few clusters.
 fn interval(samples: &[Signed<'_>], seed: u64) -> Option<Interval> {
     let fewest = samples.iter().map(|(_, clusters)| clusters.len()).min()?;
     match fewest {
@@ -212,10 +200,10 @@ fn interval(samples: &[Signed<'_>], seed: u64) -> Option<Interval> {
 
 /// Student's interval; for several samples with Welch's degrees of freedom (Biometrika 34, 1947).
 ///
-/// A trial with several strides counts by its influence on the mean, `(s − c·m)·k/n`, with the sum s of its c
-/// strides, the mean m of all n strides, and k trials. (Hall's transformation, which removes skewness, covers
-/// one percent more of skewed values. But five values hardly determine the skewness, and if its estimate is
-/// large, one end runs away by many standard errors.)
+/// A trial with several strides counts by its influence on the mean, `(s − c·m)·k/n`, with the sum
+/// s of its c strides, the mean m of all n strides, and k trials. (Hall's transformation, which
+/// removes skewness, covers one percent more of skewed values. But five values hardly determine the
+/// skewness, and if its estimate is large, one end runs away by many standard errors.)
 fn student(samples: &[Signed<'_>]) -> Interval {
     let (mut estimate, mut variance, mut welch) = (0.0, 0.0, 0.0);
     for &(sign, clusters) in samples {
@@ -236,8 +224,7 @@ fn signed_sum(samples: &[Signed<'_>], means: &[f64]) -> f64 {
     samples.iter().zip(means).map(|((sign, _), mean)| sign * mean).sum()
 }
 
-/// The BCa interval of the signed sum of the samples' means; `fewest` is the number of clusters of the
-/// smallest sample.
+/// BCa interval; `fewest` is the number of clusters of the smallest sample.
 fn bootstrap(samples: &[Signed<'_>], fewest: usize, seed: u64) -> Interval {
     let means: Vec<f64> = samples.iter().map(|(_, clusters)| mean(clusters)).collect();
     let estimate = signed_sum(samples, &means);
@@ -284,8 +271,8 @@ fn bootstrap(samples: &[Signed<'_>], fewest: usize, seed: u64) -> Interval {
     Interval { low: end(-z), high: end(z) }
 }
 
-/// The variance of the bootstrap, and its acceleration, which is the skewness over six, from the changes when
-/// one cluster is omitted.
+/// The variance of the bootstrap, and its acceleration, which is the skewness over six, from the
+/// changes when one cluster is omitted.
 fn influence(samples: &[Signed<'_>], means: &[f64]) -> (f64, f64) {
     let (mut squares, mut cubes) = (0.0, 0.0);
     for (i, (_, clusters)) in samples.iter().enumerate() {
@@ -371,8 +358,8 @@ mod tests {
         let s = of(&values);
         let Interval { low, high } = s.mean_95.unwrap();
         let se = s.sd.unwrap() / f64::sqrt(2000.0);
-        // Quantiles of 4000 draws scatter by √(0.025·0.975/4000)/φ(1.96) = 0.042 standard errors; the limit
-        // is five times that.
+        // Quantiles of 4000 draws scatter by √(0.025·0.975/4000)/φ(1.96) = 0.042 standard errors;
+        // the limit is five times that.
         assert!((low - (s.mean - 1.96 * se)).abs() < 0.21 * se);
         assert!((high - (s.mean + 1.96 * se)).abs() < 0.21 * se);
     }
@@ -392,8 +379,8 @@ mod tests {
     #[test]
     fn intervals_hold_the_mean_of_few_values() {
         for trials in [5, 6, 7] {
-            // Some four binomial standard deviations of 0.22 % about 95 % for normal values, where the
-            // interval is exact; some 93 % for values as skewed as Erlang's of order 4 (skewness 1).
+            // Four binomial standard deviations of 0.22 % about 95 % for normal values, where the
+            // interval is exact; 93 % for skewed values (Erlang's of order 4, skewness 1).
             let normal = coverage(trials, 0.0, RandomStream::normal);
             assert!((0.94..0.96).contains(&normal), "{trials}: {normal}");
             let erlang =
@@ -479,7 +466,7 @@ mod tests {
         let d = b.difference(&a, "a", 1).unwrap();
         let Interval { low, high } = d.mean_95.unwrap();
         assert!(low < 2.0 && 2.0 < high && d.reference == "a");
-        // Sample standard deviations of 30 and 50 values scatter by some 13 %; the limit is three times that.
+        // Sample standard deviations of 30 and 50 values scatter by some 13 %; three times that.
         assert!(((high - low) / (2.0 * 1.96 * se) - 1.0).abs() < 0.4);
         assert_eq!(a.difference(&ValueSample::default(), "b", 1), None);
     }

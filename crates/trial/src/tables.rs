@@ -6,7 +6,6 @@ use super::trace::Trace;
 use shell_data::wrench::Axis;
 use table_file::write::{Cells, NamedTable};
 
-/// The records of a table, which is built column by column.
 struct TableRows<T>(Vec<T>);
 
 impl<T> TableRows<T> {
@@ -113,7 +112,6 @@ pub fn conditions_table(rows: &[ConditionRow]) -> NamedTable {
     ])
 }
 
-/// One row for each row of the log.
 pub fn trace_table(trace: &Trace) -> NamedTable {
     let axes = Axis::ALL.into_iter().map(|axis| (axis.column(), &trace.wrench[axis.index()]));
     let others = [

@@ -3,7 +3,7 @@
 use super::integral::rows_within;
 use shell_data::wrench::PerAxis;
 
-/// The signals over time. Columns that the log does not allow are empty, the others as long as `t_s`.
+/// Signals over time. Columns that the log does not allow are empty, others as long as `t_s`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Trace {
     /// Time of each row, s on the log's clock.
@@ -23,14 +23,13 @@ pub struct Trace {
 }
 
 impl Trace {
-    /// The rows between two times, s, both included.
     pub fn within(&self, from_s: f64, to_s: f64) -> Self {
         let rows: Vec<usize> = rows_within(&self.t_s, from_s, to_s).collect();
         self.with_rows(&rows)
     }
 
-    /// The rows with a new frame, where each motor's power is the mean since the previous frame; without
-    /// sensors, rows `period_s` apart.
+    /// The rows with a new frame, where each motor's power is the mean since the previous frame;
+    /// without sensors, rows `period_s` apart.
     pub fn thinned(&self, period_s: f64) -> Self {
         let mut last_s = f64::NEG_INFINITY;
         let is_shown = |&row: &usize| {

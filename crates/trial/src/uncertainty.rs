@@ -1,26 +1,27 @@
-//! The uncertainty of the mean force of a window.
+//! Uncertainty of the mean force of a window.
 //!
-//! The tared mean force is linear in the coefficients C: `dᵀC`, where d is the difference between the mean
-//! features of the window and those of the tare. Its error has four parts, which add as variances:
+//! The tared mean force is `dᵀC`, where C are the coefficients and d is the difference between the
+//! mean features of the window and those of the tare. Its error has four parts, which add as
+//! variances:
 //!
 //! - the error of the coefficients, `‖Tᵀd‖²` (or `S·‖Fᵀd‖²` if rows are treated as independent; see
 //!   [`calibration::uncertainty`]);
-//! - the noise of the tare's mean, from the scatter of its frames, with their autocorrelation (Newey & West,
-//!   Econometrica 55, 1987);
+//! - the noise of the tare's mean, from the scatter of its frames, with their autocorrelation
+//!   (Newey & West, Econometrica 55, 1987);
 //! - the noise of the window's mean, from the same noise over its frames;
-//! - the error of the model, such as play in the springs. It does not average out over a window, and is taken
-//!   as the same share of any load, `(1 − R²)·(1 − σ²/S)·F²`: the training data's unexplained variance S
-//!   without the noise σ² of a frame.
+//! - the error of the model, such as play in the springs. It does not average out over a window,
+//!   and is the same share of any load, `(1 − R²)·(1 − σ²/S)·F²`: the training data's unexplained
+//!   variance S without the noise σ² of a frame.
 //!
-//! Without a tare, the residual variance of the calibration replaces the noise. For a physics model, the
-//! error of the coefficients is part of the model error, which is taken from held-out loads.
+//! Without a tare, the residual variance of the calibration replaces the noise. The model error of
+//! a physics model, from held-out loads, includes the error of the coefficients.
 //!
-//! The first and the last part come from the calibration and are common to all trials: they do not average
-//! out over trials, and cancel in a difference as far as loads agree. They are kept as a vector; means and
-//! differences are computed from the vector before its length.
+//! The first and the last part come from the calibration and are common to all trials: they do not
+//! average out over trials, and cancel in a difference as far as loads agree. Means and differences
+//! are therefore computed from a vector of components before its length.
 //!
-//! The interval is Student's t with the Welch-Satterthwaite degrees of freedom. The coefficients have far
-//! fewer than groups if few groups have large loads
+//! The interval is Student's t with the Welch-Satterthwaite degrees of freedom. The coefficients
+//! have far fewer than groups if few groups have large loads
 //! ([`Covariance::degrees_of_combination`]).
 
 use super::input::TrialInput;
@@ -30,22 +31,19 @@ use calibration::uncertainty::{CoefficientCovariance, Covariance, student_quanti
 use calibration::{Kind, Polynomial};
 use shell_data::wrench::{Axis, PerAxis};
 
-/// The confidence level of intervals.
 const LEVEL: f64 = 0.95;
 
-/// The uncertainty of the mean forces of a trial, along Fx and Fz.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ForceUncertainty {
     /// Half the widths of 95 % intervals, N.
     pub half_widths: PerAxis<f64>,
-    /// The error of the means due to the calibration: components along directions common to all trials, each
-    /// one standard deviation, N.
+    /// The error of the means due to the calibration: components along directions common to all
+    /// trials, each one standard deviation, N.
     pub shared: PerAxis<Vec<f64>>,
-    /// The degrees of freedom of that error.
     pub degrees_of_freedom: PerAxis<f64>,
 }
 
-/// The uncertainty of the means of `forces` over `span`; `None` if the calibration does not provide it.
+/// `None` if the calibration does not provide it.
 pub(super) fn of_means(
     input: &TrialInput<'_>,
     forces: &TrialForces,
@@ -69,8 +67,9 @@ pub(super) fn of_means(
             of_polynomial(covariance, &difference)
         }
         Kind::Physics(physics) => {
-            // The model's error of a frame covers any load and mounting, and a tare removes most of it. The
-            // remainder grows with the load: it is the share that held-out loads leave unexplained.
+            // The model's error of a frame covers any load and mounting, and a tare removes most of
+            // it. The remainder grows with the load: it is the share that held-out loads leave
+            // unexplained.
             input.options.unexplained?;
             let groups = physics.intervals.as_ref().map_or(0, |of| of.groups);
             let degrees = groups.saturating_sub(1).max(1) as f64;
@@ -119,9 +118,7 @@ struct ModelErrors {
     of_frame: PerAxis<f64>,
     /// As in [`ForceUncertainty::shared`].
     shared: PerAxis<Vec<f64>>,
-    /// The degrees of freedom of `of_frame`.
     frame_degrees: f64,
-    /// The degrees of freedom of `shared`.
     degrees_of_freedom: PerAxis<f64>,
 }
 
@@ -147,7 +144,6 @@ fn of_polynomial(covariance: &Covariance, difference: &[f64]) -> ModelErrors {
 
 /// `Σ share·x` of the features x of each frame.
 fn mean_features(polynomial: &Polynomial, frames: &[Vec<f64>], shares: &[f64]) -> Vec<f64> {
-    /// Number of frames whose features are held at once.
     const FRAMES: usize = 256;
     let features = &polynomial.features;
     let mut mean = vec![0.0; features.len()];
@@ -165,13 +161,12 @@ fn mean_features(polynomial: &Polynomial, frames: &[Vec<f64>], shares: &[f64]) -
     mean
 }
 
-/// The elements of `factorᵀ·x`.
 fn products<'a>(factor: &'a [Vec<f64>], x: &'a [f64]) -> impl Iterator<Item = f64> + 'a {
     factor.iter().map(move |column| column.iter().zip(x).map(|(f, x)| f * x).sum())
 }
 
-/// The variance of the values `x`, two or more, and that of their mean, times their number. It uses
-/// Bartlett's weights up to the cube root of the number, and is never less than for uncorrelated values.
+/// Variance of two or more values, and that of their mean, times their number. It uses Bartlett's
+/// weights up to the cube root of the number, and is never less than for uncorrelated values.
 fn variances(x: &[f64]) -> [f64; 2] {
     let n = x.len() as f64;
     let mean = x.iter().sum::<f64>() / n;
@@ -218,8 +213,8 @@ mod tests {
                 found += variances(&x)[1] / 200.0;
             }
             let expected = 1.0 / (1.0 - phi) / (1.0 - phi);
-            // Bartlett's weights up to lag 7 miss 1 − 2.50/3 in the second case; white noise is never
-            // underestimated.
+            // Bartlett's weights up to lag 7 miss 1 − 2.50/3 in the second case; white noise is
+            // never underestimated.
             assert!((share..1.12).contains(&(found / expected)), "{phi}: {}", found / expected);
         }
     }

@@ -9,9 +9,7 @@ use shell_data::hint::did_you_mean;
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct ValueTable {
-    /// The column of conditions.
     pub by: String,
-    /// The columns of values, by name.
     pub quantities: Vec<String>,
     /// Number of empty cells (missing values) of each quantity.
     pub empty: Vec<usize>,
@@ -19,14 +17,13 @@ pub struct ValueTable {
     pub conditions: Vec<(String, Vec<ValueSample>)>,
 }
 
-/// The statistics of a quantity in a condition.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct ValueRow {
     pub condition: String,
     pub quantity: String,
     #[serde(flatten)]
     pub statistics: Statistics,
-    /// The difference of the mean from the reference, if one was named and this is another condition.
+    /// Difference of the mean from the named reference, if this is another condition.
     pub difference: Option<MeanDifference>,
 }
 
@@ -46,13 +43,13 @@ fn groups<T, K: Eq + Hash>(
 }
 
 impl ValueTable {
-    /// Reads a table with a header. Conditions are in the column `by`, or in the first one; values are in the
-    /// columns `of`, or in all others that contain only numbers. Rows with the same entry in the column
-    /// `trial`, if given, are strides of one trial, and resemble each other.
+    /// Reads a table with a header. Conditions are in the column `by`, or in the first one; values
+    /// are in the columns `of`, or in all others that contain only numbers. Rows with the same
+    /// entry in the column `trial`, if given, are strides of one trial, and resemble each other.
     ///
     /// # Errors
-    /// [`ManifestProblem`] if such a column, a column of numbers or any row is missing, or a field is
-    /// missing.
+    /// [`ManifestProblem`] if such a column, a column of numbers or any row is missing, or a field
+    /// is missing.
     pub fn parse(
         text: &str,
         by: Option<&str>,

@@ -1,8 +1,8 @@
 //! Pairs the edges of one recording with those of the other.
 //!
-//! Each pair of edges, together with a second pair nearby, gives a guess of offset and skew. The guess is
-//! followed through both recordings: each edge takes the nearest one within reach, and the pairs found
-//! correct the guess. An edge that is missing, or present on one side only, costs that pair alone.
+//! Two pairs of edges close together give a guess of offset and skew, which is followed through
+//! both recordings: each edge takes the nearest one within reach, and the pairs found correct the
+//! guess. An edge that is missing, or present on one side only, costs that pair alone.
 
 /// The largest skew between a clock with a crystal and one without.
 const MOST_SKEW: f64 = 2e-2;
@@ -10,29 +10,24 @@ const MOST_SKEW: f64 = 2e-2;
 /// Tolerance on an edge in addition to the reference's sampling interval, s: clocks wander.
 const SLACK_S: f64 = 2e-4;
 
-/// Number of the board's edges from which guesses start, and number of following edges that they extend to.
+/// Board edges from which guesses start, and following edges that they extend to.
 const BEGINNINGS: usize = 8;
 const NEXT: usize = 3;
 
-/// Number of corrections of a guess by the pairs that it finds.
 const CORRECTIONS: usize = 3;
 
-/// Pairs of edges, and the clock relation that they give.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Pairing {
-    /// Indices of the reference's edge and of the board's, in order.
     pub(super) pairs: Vec<(usize, usize)>,
     line: ClockLine,
 }
 
 impl Pairing {
-    /// Returns true if both pairs of a guess agree with this pairing.
     fn goes_through(&self, guess: &ClockLine, blur_s: f64) -> bool {
         let ends = [guess.pivot_s, guess.pivot_s + guess.base_s];
         ends.iter().all(|&end| (self.line.at(end) - guess.at(end)).abs() <= blur_s + SLACK_S)
     }
 
-    /// Returns true if another pairing shares most of the pairs sampled here.
     fn is_like(&self, other: &Self) -> bool {
         const LOOKED_AT: usize = 16;
         let step = self.pairs.len().div_ceil(LOOKED_AT);
@@ -41,7 +36,6 @@ impl Pairing {
         2 * shared.count() >= looked_at.count()
     }
 
-    /// Reference time minus board time at a board time, s.
     pub(super) fn offset_at(&self, board_s: f64) -> f64 {
         self.line.at(board_s) - board_s
     }
@@ -62,14 +56,12 @@ impl ClockLine {
         self.at_s + (1.0 + self.skew) * (board_s - self.pivot_s)
     }
 
-    /// The maximum distance between an edge of the reference and the line, s.
     fn reach(self, board_s: f64, blur_s: f64) -> f64 {
         let beyond = (board_s - self.pivot_s).abs() / self.base_s.max(1e-9);
         // Contribution to the skew of a blur at either end of the base.
         blur_s * (1.0 + 2.0 * beyond).min(4.0) + SLACK_S
     }
 
-    /// The line from the first to the last of the pairs, through the mean of all pairs.
     fn through(pairs: &[(usize, usize)], reference: &[f64], board: &[f64]) -> Option<Self> {
         let n = pairs.len() as f64;
         let mean = |of: &dyn Fn(&(usize, usize)) -> f64| pairs.iter().map(of).sum::<f64>() / n;
@@ -86,7 +78,7 @@ impl ClockLine {
     }
 }
 
-/// The possible pairings, with the most pairs first; pairings that share most of their pairs are merged.
+/// Possible pairings, the most pairs first; similar ones are merged.
 pub(super) fn pairings(reference: &[f64], board: &[f64], blur_s: f64) -> Vec<Pairing> {
     let mut ways: Vec<Pairing> = Vec::new();
     let mut best = 1;
@@ -110,7 +102,6 @@ pub(super) fn pairings(reference: &[f64], board: &[f64], blur_s: f64) -> Vec<Pai
     ways
 }
 
-/// Guesses from two pairs each.
 fn guesses(reference: &[f64], board: &[f64]) -> impl Iterator<Item = ClockLine> {
     let step = board.len().div_ceil(BEGINNINGS).max(1);
     let starts = (0..board.len()).step_by(step);
@@ -133,7 +124,6 @@ fn guesses(reference: &[f64], board: &[f64]) -> impl Iterator<Item = ClockLine> 
     })
 }
 
-/// The maximum number of the board's edges within the reference's recording under a guess.
 fn overlap(line: ClockLine, reference: &[f64], board: &[f64]) -> usize {
     let [first, .., last] = reference else { return reference.len() };
     let from = board.partition_point(|&time| line.at(time) < first - SLACK_S);
@@ -142,7 +132,6 @@ fn overlap(line: ClockLine, reference: &[f64], board: &[f64]) -> usize {
     (to - from + 2).min(board.len()).min(reference.len())
 }
 
-/// Follows a guess through both recordings and corrects it.
 fn follow(mut line: ClockLine, reference: &[f64], board: &[f64], blur_s: f64) -> Option<Pairing> {
     let mut pairs = walk(line, reference, board, blur_s);
     for _ in 0..CORRECTIONS {
@@ -160,8 +149,8 @@ fn follow(mut line: ClockLine, reference: &[f64], board: &[f64], blur_s: f64) ->
     (pairs.len() > 1).then_some(Pairing { pairs, line })
 }
 
-/// Pairs each edge of the board with the nearest one of the reference, if that is within reach and has no
-/// nearer partner.
+/// Pairs each edge of the board with the nearest one of the reference, if that is within reach and
+/// has no nearer partner.
 fn walk(line: ClockLine, reference: &[f64], board: &[f64], blur_s: f64) -> Vec<(usize, usize)> {
     let mut pairs: Vec<(usize, usize, f64)> = Vec::new();
     for (i, &time) in board.iter().enumerate() {
@@ -191,7 +180,6 @@ fn add(ways: &mut Vec<Pairing>, way: Pairing) {
     }
 }
 
-/// Each edge paired with each other.
 fn singles(reference: &[f64], board: &[f64]) -> Vec<Pairing> {
     let pair = |j: usize, i: usize| Pairing {
         pairs: vec![(j, i)],

@@ -5,7 +5,6 @@ use system_tests::random::Random;
 
 const PERIOD_S: f64 = 1e-3;
 
-/// Times of edges with gaps `gap(i)`, s, on the board's clock.
 fn times(count: usize, mut gap: impl FnMut(usize) -> f64) -> Vec<f64> {
     let mut at = 3.0;
     (0..count)
@@ -62,8 +61,7 @@ fn missing_and_extra_edges_are_left_unpaired() {
         let all = times(12, |_| 2.0 + 8.0 * random.unit());
         let mut reference = seen(&all, offset_s, skew);
         let mut board = all.clone();
-        // Two edges of the reference are missing, and one of the board's; both sides have bounces and stray
-        // edges.
+        // Both sides have bounces and stray edges, and miss edges.
         reference.remove(random.next() as usize % 12);
         reference.remove(random.next() as usize % 11);
         board.remove(random.next() as usize % 12);
@@ -80,8 +78,8 @@ fn missing_and_extra_edges_are_left_unpaired() {
     }
     // A bounce mistaken for its edge shows as an outlying pair; no pair is far off.
     assert!(worst < 5.0, "{worst}");
-    // Errors do not exceed the stated ones: the RMS of 400 scores is at most 1 to within 4 of its standard
-    // deviations. They are smaller by up to a half, as ten edges do not show how large their common error is.
+    // The RMS of 400 scores is at most 1 to within 4 of its standard deviations. It is smaller by
+    // up to a half, as ten edges do not show how large their common error is.
     for sum in squares {
         let rms = (sum / f64::from(sessions)).sqrt();
         let most = 1.0 + 4.0 / (2.0 * f64::from(sessions)).sqrt();

@@ -40,17 +40,13 @@ struct PartialDocument<'p> {
     partial: &'p PartialFit,
 }
 
-/// The field of a document that is read first.
 #[derive(Deserialize)]
 struct PartialHeader {
     partial_schema_version: u64,
 }
 
 impl PartialFit {
-    /// Reads the JSON document at `path`.
-    ///
-    /// # Errors
-    /// [`CalibrationFileError`] if it cannot be read, or as [`Self::parse`].
+    /// [`CalibrationFileError`] if the file at `path` cannot be read, or as [`Self::parse`].
     pub fn read(path: &Path) -> Result<Self, CalibrationFileError> {
         input::document(path, DocumentKind::Json, Self::parse)
     }
@@ -94,7 +90,6 @@ impl PartialFit {
         checksum::add(&to_json(&Among(self.axes, document)))
     }
 
-    /// Checks that the parts are consistent; the rest of the program relies on that.
     fn check(&self) -> Result<(), String> {
         let (model, sums, axes) = (&self.model, &self.sums, self.axes);
         let field = sums.field();
@@ -112,7 +107,7 @@ impl PartialFit {
 }
 
 impl PartialGroups {
-    /// Checks that these are the groups of a partial fit of `model`, and that their sums add up to `total`.
+    /// Checks that these are groups of a fit of `model`, with sums that add up to `total`.
     fn check_parts(&self, model: &Model, total: &Sums, sources: usize) -> Result<(), String> {
         let (mut moments_of, mut rows) = (Vec::new(), 0_u64);
         let (mut labels, mut places) = (HashSet::new(), HashSet::new());

@@ -1,8 +1,6 @@
-//! The groups of a partial fit.
-//!
-//! Results that are accumulated group by group depend on the order of the groups in their last bits. Each
-//! group therefore records the position of its first row. Groups are sorted into the order in which one fit
-//! over all files, sorted by name, would meet them; the order of merging does not matter.
+//! The groups of a partial fit. Results depend on the order of the groups in their last bits, so
+//! each records the position of its first row, and groups are sorted into the order of one fit over
+//! all files, sorted by name, whatever the order of merging.
 
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
@@ -30,27 +28,25 @@ pub struct PartialGroups {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PartialGroup {
     pub label: String,
-    /// The index of the source that has its first row.
     pub source: usize,
     /// The number of groups that begin before it in that source.
     #[serde(rename = "place")]
     pub position: usize,
-    /// The sums over its rows.
     #[serde(flatten)]
     pub sums: Sums,
 }
 
 impl PartialGroups {
-    /// Creates groups from `sums`, whose rows were assigned to random folds by `split`; `first_in` has, for
-    /// each group, the index of the source with its first row.
+    /// Creates groups from `sums`, whose rows were assigned to random folds by `split`; `first_in`
+    /// has, for each group, the index of the source with its first row.
     pub fn exact(by: GroupKind, split: RandomSplit, sums: SumsByGroup, first_in: &[usize]) -> Self {
         let SumsByGroup { groups, random, .. } = sums;
         let groups = groups.into_iter().map(|(label, moments)| (label, Sums::Exact(moments)));
         Self { split, random, ..Self::new(by, groups, first_in) }
     }
 
-    /// Creates groups whose rows cannot be summed exactly. They have no random folds: the R factor would have
-    /// to be recomputed without each fold.
+    /// Creates groups whose rows cannot be summed exactly. They have no random folds: the R factor
+    /// would have to be recomputed without each fold.
     pub fn factored(by: GroupKind, groups: FactoredGroups, first_in: &[usize]) -> Self {
         let groups = groups.groups.into_iter();
         Self::new(by, groups.map(|(label, rows)| (label, Sums::Factored(rows))), first_in)
@@ -67,7 +63,6 @@ impl PartialGroups {
         Self { by, split: RandomSplit::default(), groups, random: Vec::new() }
     }
 
-    /// Checks that the groups of `other` can be added.
     pub(super) fn check(&self, other: &Self) -> Result<(), MergeError> {
         expect(self.by.name(), other.by.name(), MergeError::GroupsAre)?;
         if self.split != other.split {
@@ -85,8 +80,7 @@ impl PartialGroups {
         }
     }
 
-    /// Adds the groups of `other`. `sources` are the merged sources, those of `self` (`own` of them)
-    /// first.
+    /// `sources` are the merged sources, those of `self` (`own` of them) first.
     pub(super) fn add(
         &mut self,
         other: &Self,
@@ -119,14 +113,12 @@ impl PartialGroups {
     }
 }
 
-/// The key by which sources are sorted.
 fn rank(source: &SourceFile) -> (&Path, Option<&str>) {
     (&source.path, source.checksum.as_deref())
 }
 
 impl PartialFit {
-    /// The sums by group, with the rows that were assigned at random if `random_folds` is the number of folds that they were
-    /// assigned to.
+    /// The sums by group, with the random folds if there are `random_folds` of them.
     ///
     /// # Errors
     /// [`MergeError::NotExact`] if all groups together cannot be summed exactly.
@@ -156,8 +148,8 @@ impl PartialFit {
         Ok(Some((*by, sums)))
     }
 
-    /// Sorts sources by name, and groups by their first rows. Without groups no result depends on the order,
-    /// and the sources keep the order of merging.
+    /// Sorts sources by name, and groups by their first rows. Without groups no result depends on
+    /// the order, and the sources keep the order of merging.
     pub fn put_in_order(&mut self) {
         let Some(groups) = &mut self.groups else { return };
         let mut sources: Vec<(usize, SourceFile)> = self.sources.drain(..).enumerate().collect();

@@ -1,9 +1,9 @@
 //! Partial fits as files: sums over some rows, which merge with the sums over other rows.
 //!
-//! A partial fit is one JSON document. Merging exact sums is exact: whatever the order and grouping, the
-//! result is bit for bit the fit over all rows. Rows that cannot be summed exactly leave an R factor instead.
-//! Merged R factors give the fit over all rows except for the last digits, and always the same digits for the
-//! same order.
+//! A partial fit is one JSON document. Merging exact sums gives bit for bit the fit over all rows,
+//! in any order and grouping. Rows that cannot be summed exactly leave an R factor instead: merged
+//! R factors give the fit over all rows except for the last digits, the same ones for the same
+//! order.
 //!
 //! The documents are described in [`document`], a stream of several in [`stream`].
 
@@ -23,35 +23,27 @@ use shell_data::ColumnNames;
 use shell_data::hint::Hint;
 use shell_data::wrench::Axes;
 
-/// The sums over some rows, with their origin.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PartialFit {
-    /// Program and version.
     pub made_by: String,
-    /// Date and time, UTC, RFC 3339.
     pub date: String,
     pub model: Model,
     pub skipped_rows: u64,
-    /// Number of rows with the same readings as the previous row.
     pub repeated_rows: u64,
-    /// The files that it was made from.
     pub sources: Vec<SourceFile>,
     /// The roles of their columns, if these were specified for all of them alike.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub columns: Option<ColumnNames>,
-    /// The axes of the wrench that were summed.
     #[serde(default = "all_axes", skip_serializing_if = "are_all")]
     pub axes: Axes,
-    /// The summed columns: sensors in channel order, then the wrench, by the recognised or specified names.
-    /// Unknown in documents of earlier versions.
+    /// The summed columns: sensors in channel order, then the wrench, by the recognised or
+    /// specified names. Unknown in documents of earlier versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub summed: Option<Vec<String>>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensor_serial: Option<String>,
-    /// The sums over all rows.
     #[serde(flatten)]
     pub sums: Sums,
-    /// The sums by group, if requested.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub groups: Option<PartialGroups>,
 }
@@ -64,7 +56,6 @@ fn are_all(axes: &Axes) -> bool {
     axes.are_all()
 }
 
-/// Compares a property of two partial fits.
 fn expect<T: PartialEq>(
     expected: T,
     found: T,
@@ -76,19 +67,15 @@ fn expect<T: PartialEq>(
     }
 }
 
-/// The reason why two partial fits cannot be merged. The fields hold the first value, then the other.
+/// Fields hold the first value, then the other.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MergeError {
-    /// The models differ.
     #[error("it is for `{1}`, expected `{0}`")]
     Model(String, String),
-    /// The numbers of channels differ.
     #[error("it has `{1}` channels, expected `{0}`")]
     Channels(usize, usize),
-    /// The axes of the wrench differ.
     #[error("it has the axes {1}, expected {0}")]
     Axes(Axes, Axes),
-    /// The columns differ, or their order or units.
     #[error("its column {position} is `{found}`, expected `{expected}`")]
     Columns {
         /// The position among sensors and wrench, from 1.
@@ -98,28 +85,20 @@ pub enum MergeError {
     },
     #[error("it is of the sensor `{1}`, expected `{0}`")]
     Serial(String, String),
-    /// A file would be counted twice.
     #[error("its rows of `{0}` have been counted already")]
     Twice(String),
-    /// One has exact sums, the other R factors.
     #[error("it has {1}, expected {0}: readings or loads of one are no exact sums")]
     Kind(&'static str, &'static str),
-    /// Only one of them has sums by group: the second, if true.
     #[error("it keeps {} sums of groups, expected {}", which(*.0), which(!*.0))]
     Groups(bool),
-    /// The kinds of groups differ.
     #[error("its groups are those of `{1}`, expected `{0}`")]
     GroupsAre(&'static str, &'static str),
-    /// The seeds that assigned rows to random folds differ.
     #[error("its rows were assigned at random by the seed `{1}`, expected `{0}`")]
     Split(u64, u64),
-    /// Files are groups, and two of them have the same name.
     #[error("another file with other rows is called `{0}` as well")]
     SameName(String),
-    /// More groups than can be fitted.
     #[error("both have more than `{MAX_GROUPS}` groups together")]
     TooManyGroups,
-    /// The combined sums cannot be exact.
     #[error(transparent)]
     NotExact(#[from] ExactError),
 }
@@ -157,7 +136,6 @@ impl Hint for MergeError {
 }
 
 impl PartialFit {
-    /// Creates a partial fit of `model` with these sums of all six axes and no origin.
     pub fn new(model: Model, sums: Sums) -> Self {
         Self {
             made_by: String::new(),
@@ -207,7 +185,7 @@ impl PartialFit {
         if self.columns != other.columns {
             self.columns = None;
         }
-        // A value that is unknown here is taken from `other`, and later merges are compared with it.
+        // Later merges are compared with a value taken from `other`.
         self.summed = self.summed.take().or_else(|| other.summed.clone());
         self.sensor_serial = self.sensor_serial.take().or_else(|| other.sensor_serial.clone());
         self.skipped_rows += other.skipped_rows;

@@ -8,11 +8,9 @@ use super::PartialFit;
 use crate::checksum::END;
 use crate::input::DocumentKind;
 
-/// An iterator over the partial fits of a stream.
 #[derive(Debug)]
 pub struct PartialStream<R> {
     reader: R,
-    /// The name of the stream in errors.
     name: PathBuf,
     /// Number of lines before the next document.
     lines: usize,
@@ -42,7 +40,6 @@ impl<R: BufRead> PartialStream<R> {
         self.document.clear();
         let mut rest = (&mut self.reader).take(DocumentKind::Json.budget() + 1);
         while rest.read_until(b'\n', &mut self.document)? > 0 {
-            // Skip blank lines between documents.
             if self.document.trim_ascii().is_empty() {
                 self.document.clear();
                 self.lines += 1;

@@ -1,9 +1,8 @@
-//! Normal equations of each fold, composed of products of features, memory terms and loads.
-//!
-//! Products of columns are summed once. The features `X` are eliminated once from the equations of all rows
-//! outside a fold, `XᵀX = L·Lᵀ`. Memory terms `M` then need only small equations, with the matrix
-//! `MᵀM − VᵀV`, `V = L⁻¹·XᵀM`; another lag changes only their right side. Loads at a lag between two whole
-//! periods are interpolated, and so are their products.
+//! Normal equations of each fold, composed of products of features, memory terms and loads. The
+//! features `X` are eliminated once from the equations of all rows outside a fold, `XᵀX = L·Lᵀ`.
+//! Memory terms `M` then need only small equations, with the matrix `MᵀM − VᵀV`, `V = L⁻¹·XᵀM`;
+//! another lag changes only their right side. Products with loads at a lag between two periods are
+//! interpolated.
 
 use std::sync::{Arc, OnceLock};
 
@@ -24,11 +23,10 @@ const RIDGE: f64 = 1e-10;
 /// Largest lag that is searched, in periods.
 const FARTHEST: usize = 64;
 
-/// Number of knots that loads at a lag and their slope are interpolated from: the one before the lag is the
-/// second.
+/// Knots for loads at a lag and their slope: the second is the one before the lag.
 const KNOTS: usize = 4;
 
-/// Sums of products over the rows of each fold, and over the rows of every [fit](FoldEquations::fits).
+/// Products over the rows of each fold, and over the rows of every [fit](FoldEquations::fits).
 struct FoldSums {
     folds: Vec<Mat<f64>>,
     fits: Vec<Mat<f64>>,
@@ -54,13 +52,12 @@ impl FoldSums {
         Self { folds, fits }
     }
 
-    /// Sums over the rows of a fold, or over all rows.
     fn on(&self, fold: Option<usize>) -> MatRef<'_, f64> {
         fold.map_or(self.fits[self.folds.len()].as_ref(), |fold| self.folds[fold].as_ref())
     }
 }
 
-/// A matrix `A` of products, scaled so that columns have norm one, with the ridge: its norms and `L`.
+/// Products `A`, scaled so that columns have norm one, with the ridge: its norms and `L`.
 struct ScaledFactor {
     norms: Vec<f64>,
     lower: Mat<f64>,
@@ -79,7 +76,7 @@ fn divide_rows(of: &mut Mat<f64>, norms: &[f64]) {
 }
 
 impl ScaledFactor {
-    /// Factors products; the column `free` has no ridge. `None` if rounding has made them indefinite.
+    /// The column `free` has no ridge. `None` if rounding has made the products indefinite.
     fn new(products: MatRef<'_, f64>, free: Option<usize>) -> Option<Self> {
         let norms = norms(products);
         let n = norms.len();
@@ -105,7 +102,6 @@ impl ScaledFactor {
     }
 }
 
-/// Loads that are later by a whole number of periods, with their products.
 struct Knot {
     columns: Mat<f64>,
     with_features: FoldSums,
@@ -114,7 +110,6 @@ struct Knot {
     with_next: [OnceLock<Vec<PerAxis<f64>>>; KNOTS],
 }
 
-/// The memory terms of a time constant, with their products.
 pub(super) struct MemoryColumns {
     pub(super) time_constant: f64,
     columns: Mat<f64>,
@@ -125,7 +120,6 @@ pub(super) struct MemoryColumns {
     with_loads: Vec<OnceLock<FoldSums>>,
 }
 
-/// Memory terms of some time constants, whose equations are factored for each fit.
 #[derive(Clone)]
 pub(super) struct TermSet {
     pub(super) terms: Vec<Arc<MemoryColumns>>,
@@ -148,7 +142,6 @@ struct Blend {
 }
 
 impl Blend {
-    /// Knots with a weight.
     fn knots(&self) -> impl Iterator<Item = (usize, f64)> {
         let knots = (self.first..).zip(self.weights);
         knots.filter(|(_, weight)| *weight != 0.0)
@@ -168,11 +161,10 @@ struct Coefficients {
     terms: Mat<f64>,
 }
 
-/// A blend and its coefficients.
 type Fitted<'a> = (Blend, &'a Coefficients);
 
-/// Sums of products of the residual of the loads at a lag, and of the part of their slope that the features
-/// leave unexplained.
+/// Sums of products of the residual of the loads at a lag, and of the part of their slope that the
+/// features leave unexplained.
 #[derive(Clone, Copy)]
 pub(super) struct LagSums {
     pub(super) residual: PerAxis<f64>,
@@ -180,10 +172,8 @@ pub(super) struct LagSums {
     pub(super) slope: PerAxis<f64>,
 }
 
-/// Equations for features and some memory terms.
 pub(super) struct FoldEquations<'a> {
     pub(super) samples: &'a SearchRows<'a>,
-    /// Lag of the knot in the middle.
     origin: f64,
     features: FoldSums,
     /// The features of all rows but those of each fold, then of all rows.
@@ -194,7 +184,8 @@ pub(super) struct FoldEquations<'a> {
 }
 
 impl<'a> FoldEquations<'a> {
-    /// Equations for lags about `origin`; `None` if rounding has made those of the features indefinite.
+    /// Equations for lags about `origin`; `None` if rounding has made those of the features
+    /// indefinite.
     pub(super) fn new(samples: &'a SearchRows<'a>, origin: f64) -> Option<Self> {
         let loads = samples.loads(0.0);
         let variance = |axis: usize| {
@@ -216,8 +207,8 @@ impl<'a> FoldEquations<'a> {
         })
     }
 
-    /// Loads at a lag, and their slope over one period in each direction, so that noise of the loads in
-    /// between has no part in it. `None` for a lag too far from the origin.
+    /// Loads at a lag, and their slope over one period in each direction, so that noise of the
+    /// loads in between has no part in it. `None` for a lag too far from the origin.
     fn blends(&self, lag: f64) -> Option<[Blend; 2]> {
         let period = self.samples.clock.period;
         let at = (lag - self.origin) / period + FARTHEST as f64;
@@ -266,7 +257,6 @@ impl<'a> FoldEquations<'a> {
         sum
     }
 
-    /// No memory terms.
     pub(super) fn no_terms(&self) -> TermSet {
         let none = || Mat::zeros(0, 0);
         let products = FoldSums::from_folds(self.samples.folds.iter().map(|_| none()).collect());
@@ -301,8 +291,8 @@ impl<'a> FoldEquations<'a> {
         terms.with_loads[knot].get_or_init(loads)
     }
 
-    /// The set with the terms of another time constant at a position, which may be behind the last. `None` if
-    /// rounding has made the equations indefinite.
+    /// The set with the terms of another time constant at a position, which may be behind the last.
+    /// `None` if rounding has made the equations indefinite.
     pub(super) fn with(
         &self,
         set: &TermSet,
@@ -359,7 +349,6 @@ impl<'a> FoldEquations<'a> {
         Some(TermSet { terms, products: Arc::new(products), factors: Arc::new(factors?) })
     }
 
-    /// The coefficients of one of the fits.
     fn solve(&self, set: &TermSet, fit: usize, blend: Blend) -> Coefficients {
         let mut left = blend.of(|knot| self.knot(knot).eliminated[fit].as_ref());
         let width = set.terms.first().map_or(0, |of| of.columns.ncols());
@@ -388,7 +377,7 @@ impl<'a> FoldEquations<'a> {
         Coefficients { features: self.fits[fit].substitute(left), terms }
     }
 
-    /// `Σ r_a·r_b` of the residuals of two blends on each axis, over the rows of a fold or all rows.
+    /// `Σ r_a·r_b` on each axis, over the rows of a fold or all rows.
     fn residual_products(
         &self,
         set: &TermSet,
@@ -462,8 +451,8 @@ impl<'a> FoldEquations<'a> {
         Some(errors)
     }
 
-    /// Sums for the fit to all rows at a lag: over all rows and, if `by_fold`, over the rows of each fold.
-    /// `None` for a lag too far from the origin.
+    /// Sums for the fit to all rows at a lag: over all rows and, if `by_fold`, over the rows of
+    /// each fold. `None` for a lag too far from the origin.
     pub(super) fn lag_sums(
         &self,
         set: &TermSet,

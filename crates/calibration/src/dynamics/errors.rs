@@ -3,13 +3,12 @@
 use least_squares::validation::comparison::FoldMean;
 use shell_data::wrench::PerAxis;
 
-/// Squared errors on each held-out fold, per axis.
 #[derive(Clone, Debug)]
 pub(super) struct FoldErrors {
     pub(super) rows: u64,
     pub(super) squares: PerAxis<f64>,
-    /// Rows of each fold, and its errors relative to the variance of each axis, averaged over those that
-    /// vary.
+    /// Rows of each fold, and its errors relative to the variance of each axis, averaged over those
+    /// that vary.
     pub(super) scores: Vec<(u64, f64)>,
     /// Scores minus the part caused by noise of readings and loads.
     pub(super) systematic: Vec<(u64, f64)>,
@@ -20,18 +19,18 @@ impl FoldErrors {
         FoldMean::new(&self.scores).value
     }
 
-    /// Score minus the part of noise, which a search minimises. Terms that only average noise raise it.
+    /// Score without noise, which a search minimises: terms that only average noise raise it.
     pub(super) fn systematic(&self) -> f64 {
         FoldMean::new(&self.systematic).value
     }
 
-    /// Returns true if the errors of `later` are lower by more than a standard error, and by this share.
+    /// Returns true if errors fall by more than a standard error, and by this share.
     pub(super) fn are_lowered_by(&self, later: &Self, share: f64) -> bool {
         let gain = gain(&self.scores, &later.scores);
         gain.value > gain.standard_error && gain.value > share * self.score()
     }
 
-    /// Returns true if the errors are also lower by this share, both with and without the part of noise.
+    /// Returns true if errors fall by this share too, with and without noise.
     pub(super) fn are_explained_by(&self, later: &Self, share: f64) -> bool {
         let least = share * self.score();
         let of = [(&self.scores, &later.scores), (&self.systematic, &later.systematic)];
@@ -41,7 +40,6 @@ impl FoldErrors {
         })
     }
 
-    /// Root mean square errors, N and N·m.
     pub(super) fn rms(&self) -> PerAxis<f64> {
         self.squares.map(|squares| (squares / self.rows as f64).sqrt())
     }

@@ -5,11 +5,10 @@
 //!                                                                                    terms, the wrench moved by the lag
 //! ```
 //!
-//! Later steps (choice of a model, its errors, intervals) use the resulting data set like any other. Both
-//! searches use one family of features, the largest that the number of rows supports, and the errors on
-//! held-out rows. A lag or a memory term is kept if it lowers these errors by more than one standard error of
-//! their difference between folds, and still does after the part of noise is subtracted: a filter is not a
-//! memory.
+//! Later steps (choice of a model, its errors, intervals) use this data set like any other. Both
+//! searches use the largest family of features that the number of rows supports. A lag or a memory
+//! term is kept if it lowers the errors on held-out rows by more than one standard error of their
+//! difference between folds, and still does without the part of noise: a filter is not a memory.
 
 mod equations;
 mod errors;
@@ -103,8 +102,7 @@ pub enum NotSearched {
     Weights,
 }
 
-/// Finds the requested lag and memory. A refusal to search is a value, not an error, because the rows remain
-/// usable.
+/// Finds the requested lag and memory. A refusal to search is not an error: the rows remain usable.
 ///
 /// # Errors
 /// [`FitError::TimeConstant`] if a given time constant is not positive.
@@ -137,7 +135,6 @@ pub fn find(
     Ok(found.ok_or(NotSearched::FewRows))
 }
 
-/// Reason not to search in these rows, if there is one.
 fn refusal(data: &Dataset) -> Option<NotSearched> {
     if data.has_weights() {
         return Some(NotSearched::Weights);
@@ -209,7 +206,6 @@ impl Gain {
     }
 }
 
-/// Factor and unit for printing times.
 fn unit(time: f64, base: TimeBase) -> (f64, &'static str) {
     match base {
         TimeBase::Rows => (1.0, "rows"),

@@ -1,4 +1,4 @@
-//! Time along the rows of logs, and data sets with memory terms and with the wrench at the time of the
+//! Time along the rows of logs, and data sets with memory terms and the wrench at the time of the
 //! readings.
 
 use std::fmt;
@@ -22,11 +22,10 @@ pub struct ReferenceLag {
 }
 
 impl ReferenceLag {
-    /// Converts the time of readings, s, to the time of the same force on the clock of the reference.
-    /// Unchanged if the lag is in rows.
+    /// Converts the time of readings, s, to the time of the same force on the clock of the
+    /// reference. Unchanged if the lag is in rows.
     pub fn moved_s(&self, time_s: f64) -> f64 {
-        /// Largest time at which a double resolves a nanosecond, to which times are rounded: further digits
-        /// do not come from the clock.
+        /// Largest time at which a double resolves a nanosecond, to which times are rounded.
         const LARGEST_S: f64 = 1e6;
         match self.time_base {
             TimeBase::Rows => time_s,
@@ -47,7 +46,6 @@ impl fmt::Display for ReferenceLag {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct RowClock {
     pub(super) time_base: TimeBase,
-    /// Usual time between rows, in units of the time base.
     pub(super) period: f64,
 }
 
@@ -66,13 +64,10 @@ impl RowClock {
         Self { time_base: TimeBase::Seconds, period }
     }
 
-    /// Longest step of the clock that is not a gap.
     pub(super) fn gap(&self) -> Option<f64> {
         (self.time_base == TimeBase::Seconds).then_some(GAP_PERIODS * self.period)
     }
 
-    /// Memory terms with these time constants.
-    ///
     /// # Errors
     /// [`FitError::TimeConstant`] if a time constant is not positive.
     pub(super) fn memory(&self, time_constants: &[f64]) -> Result<MemoryTerms, FitError> {
@@ -87,25 +82,22 @@ impl RowClock {
     }
 }
 
-/// Median of the positive steps.
 fn median_step(mut steps: Vec<f64>) -> Option<f64> {
     steps.retain(|&step| step > 0.0);
     upper_median(&mut steps)
 }
 
-/// A time between two rows.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct BetweenRows {
     before: usize,
     after: usize,
-    /// Share of the way from one to the other.
     share: f64,
 }
 
 impl BetweenRows {
-    /// Finds, for each of some rows in ascending order, the time `by` after the row's time: between two rows,
-    /// or up to one row beyond the ends of its segment; further out, the last value is held. `times` ascend
-    /// within each of `segments`.
+    /// Finds, for each of some rows in ascending order, the time `by` after the row's time: between
+    /// two rows, or up to one row beyond the ends of its segment; further out, the last value is
+    /// held. `times` ascend within each of `segments`.
     pub(super) fn later(
         times: &[f64],
         segments: &[Range<usize>],
@@ -143,7 +135,7 @@ impl BetweenRows {
     }
 }
 
-/// Divides rows into stretches in which time does not go back or jump by more than `gap`, if that is given.
+/// Divides rows where time goes back or jumps by more than `gap`, if that is given.
 pub(super) fn segments(times: &[f64], gap: Option<f64>) -> Vec<Range<usize>> {
     let goes_on = |before: &f64, after: &f64| {
         let step = after - before;
@@ -193,8 +185,7 @@ fn prepare(
     Ok(())
 }
 
-/// Replaces the wrench of every row by the wrench at the time when the reference shows the load of the
-/// readings.
+/// Takes the wrench at the time when the reference shows the load of the readings.
 fn move_wrench(blocks: &mut [&mut Block], lag: ReferenceLag) -> Result<(), NoTime> {
     let rows: usize = blocks.iter().map(|block| block.rows).sum();
     let (times, gap) = match lag.time_base {

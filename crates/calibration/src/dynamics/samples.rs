@@ -1,12 +1,10 @@
 //! Rows for the search: some rows of the data set, in order, each with its history.
 //!
-//! # Noise of the readings in the wrench
-//!
-//! `s` and `s − EMA_τ(s)` for a few time constants combine to a filter. If loads move slowly, a filter that
-//! averages noise lowers the errors although the sensor has no memory, and its delay looks like a lag.
-//! Between rows, interpolation averages noise of the loads. The part of noise is therefore computed
-//! separately: with `g` the gradient of a wrench with respect to a reading, `d_k` the coefficients of its
-//! memory terms, and white noise of variance σ²,
+//! `s` and `s − EMA_τ(s)` for a few time constants combine to a filter. If loads move slowly, a
+//! filter that averages noise lowers the errors although the sensor has no memory, and its delay
+//! looks like a lag; interpolation between rows averages noise of the loads. The part of noise is
+//! therefore computed separately: with `g` the gradient of a wrench with respect to a reading,
+//! `d_k` the coefficients of its memory terms, and white noise of variance σ²,
 //!
 //! ```text
 //! σ²·(g² + 2·g·Σ d_k + Σ d_k·d_l·(1 + α_k·α_l/(1 − (1−α_k)·(1−α_l)))),   α = 1 − exp(−period/τ)
@@ -26,13 +24,11 @@ use shell_data::dataset::{Dataset, LogRows};
 use shell_data::statistics::upper_median;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Most rows that are read; the rest of longer recordings would add little.
+/// Most rows that are read; more rows of longer recordings would add little.
 const MOST_ROWS: usize = 200_000;
 
-/// Most rows on which errors are computed.
 const MOST_USED: usize = 8_000;
 
-/// Fewest used rows for each feature.
 const ROWS_PER_FEATURE: usize = 10;
 
 /// Largest number of folds, and about the number of parts into which a few logs are divided.
@@ -41,17 +37,14 @@ const FOLDS: usize = 10;
 /// Number of logs from which logs are not divided.
 const ENOUGH_LOGS: usize = 4;
 
-/// Most features of the searched family.
 const MOST_FEATURES: usize = 150;
 
-/// Part of a log that is read.
 struct LogPart<'a> {
     /// Blocks with the readings; the last block may have more rows than the part.
     blocks: Vec<&'a Block>,
     times: Vec<f64>,
     segments: Vec<Range<usize>>,
     wrench: PerAxis<Vec<f64>>,
-    /// Rows on which errors are computed.
     used: Vec<usize>,
     /// Ends of runs of rows with one label, in used rows; empty for rows without labels.
     group_ends: Vec<usize>,
@@ -61,7 +54,6 @@ pub(super) struct SearchRows<'a> {
     logs: Vec<LogPart<'a>>,
     pub(super) clock: RowClock,
     channels: usize,
-    /// Used rows of each fold, numbered over all logs.
     pub(super) folds: Vec<Range<usize>>,
     /// Features of the used rows; the last is constant if there is an intercept.
     pub(super) features: Mat<f64>,
@@ -159,17 +151,15 @@ impl<'a> SearchRows<'a> {
         })
     }
 
-    /// Returns true if the rows of every log are labelled by group.
     pub(super) fn are_labelled(&self) -> bool {
         self.logs.iter().all(|log| !log.group_ends.is_empty())
     }
 
-    /// Number of used rows.
     pub(super) fn rows(&self) -> usize {
         self.features.nrows()
     }
 
-    /// Length of the longest stretch without a gap.
+    /// Length of the longest block of time without a gap.
     pub(super) fn longest(&self) -> f64 {
         let spans = self.logs.iter().flat_map(|log| {
             log.segments.iter().map(|rows| log.times[rows.end - 1] - log.times[rows.start])
@@ -237,8 +227,8 @@ fn group_ends(log: &LogRows, rows: usize, every: usize) -> Vec<usize> {
     ends.iter().map(|(_, end)| (*end.min(&rows)).div_ceil(every)).collect()
 }
 
-/// Divides the used rows into folds. A few logs are cut into parts of about equal length that contain whole
-/// groups; neighbouring parts or logs are combined if there are many.
+/// Divides the used rows into folds. A few logs are cut into parts of about equal length that
+/// contain whole groups; neighbouring parts or logs are combined if there are many.
 fn folds(logs: &[LogPart<'_>]) -> Vec<Range<usize>> {
     let parts = match logs.len() {
         ENOUGH_LOGS.. => 1,
@@ -259,11 +249,10 @@ fn folds(logs: &[LogPart<'_>]) -> Vec<Range<usize>> {
     (0..folds).map(|fold| end(fold)..end(fold + 1)).collect()
 }
 
-/// Approximate number of rows for the gradients.
 const GRADIENT_ROWS: usize = 400;
 
-/// `Σ c²` of the fourth difference, `c` = 1, −4, 6, −4, 1, which removes everything that is smooth over five
-/// rows.
+/// `Σ c²` of the fourth difference, `c` = 1, −4, 6, −4, 1, which removes everything that is smooth
+/// over five rows.
 const DIFFERENCE_GAIN: f64 = 70.0;
 
 /// Differences beyond this many times their median are jumps.
@@ -272,7 +261,6 @@ const JUMP: f64 = 8.0;
 /// A row that comes later than this many periods follows a missing row.
 const MISSING_PERIODS: f64 = 1.5;
 
-/// Noise of the readings, and gradients of the features with respect to them.
 pub(super) struct ReadingNoise {
     period: f64,
     channels: Vec<ChannelNoise>,
@@ -280,15 +268,12 @@ pub(super) struct ReadingNoise {
 
 struct ChannelNoise {
     variance: f64,
-    /// Features with a gradient.
     features: Vec<usize>,
-    /// Their gradients: the means of products of two, and the mean of each.
     products: Mat<f64>,
     means: Vec<f64>,
 }
 
 impl ReadingNoise {
-    /// Computes the gradients. `variances` are the noise variances of the channels of `readings`.
     pub(super) fn new(
         features: &Features,
         readings: &[Vec<f64>],
@@ -330,8 +315,8 @@ impl ReadingNoise {
         Self { period, channels: channels.collect() }
     }
 
-    /// Variance of each axis due to this noise, N² and (N·m)². `features` are the coefficients of the
-    /// features; `terms` those of the memory terms, channel by channel for each time constant.
+    /// Variance of each axis due to this noise, N² and (N·m)². `features` are the coefficients of
+    /// the features; `terms` those of the memory terms, channel by channel for each time constant.
     pub(super) fn of_wrench(
         &self,
         features: &Mat<f64>,
@@ -364,8 +349,8 @@ impl ReadingNoise {
     }
 }
 
-/// Variance of white noise on the columns of several logs, each with its times, from fourth differences over
-/// rows at equal distances. 0 if there are none.
+/// Variance of white noise on the columns of several logs, each with its times, from fourth
+/// differences over rows at equal distances. 0 if there are none.
 pub(super) fn variance<'a>(
     logs: impl Iterator<Item = (&'a [f64], impl AsRef<[f64]>)>,
     period: f64,

@@ -1,14 +1,14 @@
 //! Search for lag and time constants.
 //!
-//! **Lag.** Let `r` be the residual of the fit at a lag and `D⊥` the part of the loads' slope that the
-//! features leave unexplained. The lag solves `Σ r·D⊥ = 0`, the condition for least squared errors. The slope
-//! is taken over one row in each direction, so that the noise of a load is not in both factors. A direct
-//! minimum of the squared errors would be biased towards half rows, where interpolation averages noise. The
-//! standard error comes from the scatter of the sum between folds.
+//! **Lag.** Let `r` be the residual of the fit at a lag and `D⊥` the part of the loads' slope that
+//! the features leave unexplained. The lag solves `Σ r·D⊥ = 0`, the condition for least squared
+//! errors. The slope is taken over one row in each direction, so that the noise of a load is not in
+//! both factors: a direct minimum would be biased towards half rows, where interpolation averages
+//! noise. The standard error comes from the scatter of the sum between folds.
 //!
-//! **Time constants** are added one at a time. Each starts on a logarithmic grid, with its own lag, because a
-//! short memory and a lag look alike while the longer memory is missing. It is then moved, together with the
-//! earlier ones, to the least errors on held-out rows.
+//! **Time constants** are added one at a time, from a logarithmic grid, each with its own lag,
+//! because a short memory and a lag look alike while the longer memory is missing. All are then
+//! moved to the least errors on held-out rows.
 
 use std::sync::Arc;
 
@@ -18,7 +18,6 @@ use super::{Dynamics, DynamicsRule, Gain, ReferenceLag};
 use least_squares::passes::{Workers, map};
 use shell_data::wrench::PerAxis;
 
-/// Most time constants.
 const MOST_TIMES: usize = 4;
 
 /// Ratio of neighbouring time constants on the grid.
@@ -27,12 +26,12 @@ const GRID: f64 = 2.0;
 /// Least ratio of two different time constants; closer ones count as one.
 const APART: f64 = 1.5;
 
-/// Least gain of a memory term: one that lowers squared errors by a smaller share is not worth its state.
+/// A memory term that lowers squared errors by a smaller share is not worth its state.
 const LEAST_GAIN: f64 = 0.02;
 
-/// Least gain of the first term if rows are labelled as groups: their order, and therefore the history,
-/// differs in use. Also the least gain of a lag beside memory terms there: creep that a few time constants do
-/// not describe fully looks like a lag.
+/// Least gain of the first term if rows are labelled as groups: their order, and therefore the
+/// history, differs in use. Also the least gain of a lag beside memory terms there: creep that a
+/// few time constants do not describe fully looks like a lag.
 const LEAST_GAIN_IN_GROUPS: f64 = 0.2;
 
 /// Errors relative to the loads are rounding below this.
@@ -50,11 +49,10 @@ const STARTS: [f64; 11] = [-32.0, -16.0, -8.0, -4.0, -2.0, 0.0, 2.0, 4.0, 8.0, 1
 /// Factors that move time constants, one for each round.
 const ROUNDS: [f64; 4] = [1.7, 1.4, 1.2, 1.08];
 
-/// A lag and its standard error.
 type LagEstimate = (f64, f64);
 
-/// Runs the search that the rule requests; given values stay. If the caller cancels it, nothing is found, and
-/// the next pass over the rows reports the cancellation.
+/// Runs the search that the rule requests; given values stay. If the caller cancels it, nothing is
+/// found, and the next pass over the rows reports the cancellation.
 pub(super) fn search(
     samples: &SearchRows<'_>,
     rule: &DynamicsRule<'_>,
@@ -133,7 +131,6 @@ impl DynamicsSearch<'_> {
         })
     }
 
-    /// Lag of least error among a few.
     fn start(&self) -> f64 {
         let (period, none) = (self.samples().clock.period, self.equations.no_terms());
         let score = |rows: f64| (rows * period, self.score(&none, rows * period));
@@ -141,8 +138,8 @@ impl DynamicsSearch<'_> {
         scored.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0.0, |(lag, _)| lag)
     }
 
-    /// Returns a lag if it is more than two standard errors from zero, and lowers the errors by more than one
-    /// standard error and, beside memory terms in groups, by [`LEAST_GAIN_IN_GROUPS`].
+    /// A lag more than two standard errors from zero that lowers the errors by more than one
+    /// standard error and, with memory terms in groups, by [`LEAST_GAIN_IN_GROUPS`].
     fn significant_lag(&self, set: &TermSet, start: f64) -> Option<LagEstimate> {
         let (lag, steepness) = self.lag(set, start, STEPS)?;
         let error = self.lag_error(set, lag, steepness)?;
@@ -153,8 +150,8 @@ impl DynamicsSearch<'_> {
         (pays && lag.abs() > 2.0 * error).then_some((lag, error))
     }
 
-    /// Finds the lag by the method of the module, from a first guess, in at most `steps` steps. Also returns
-    /// the change of the sum with the lag.
+    /// Finds the lag by the method of the module, from a first guess, in at most `steps` steps.
+    /// Also returns the change of the sum with the lag.
     fn lag(&self, set: &TermSet, start: f64, steps: usize) -> Option<(f64, f64)> {
         let period = self.samples().clock.period;
         let sums = |lag: f64| Some(self.equations.lag_sums(set, lag, false)?.0);
@@ -181,7 +178,6 @@ impl DynamicsSearch<'_> {
         (steepness > 0.0).then_some((lag, steepness))
     }
 
-    /// Weights of the axes: the inverse variances of their residuals.
     fn weights(&self, sums: &LagSums) -> PerAxis<f64> {
         std::array::from_fn(|axis| {
             let square = sums.residual[axis];
@@ -200,7 +196,7 @@ impl DynamicsSearch<'_> {
         Some(spread.sqrt() / steepness).filter(|error| error.is_finite())
     }
 
-    /// Adds time constants to those of a set as long as they pay. Also returns the lag that they have moved.
+    /// Adds time constants as long as they pay; also returns the lag that they have moved.
     fn time_constants(&self, mut set: TermSet, mut lag: f64) -> Option<(TermSet, f64)> {
         let (least, most) = self.bounds();
         let grid = std::iter::successors(Some(least), |tau| Some(tau * GRID));
@@ -221,7 +217,6 @@ impl DynamicsSearch<'_> {
         Some((set, lag))
     }
 
-    /// Least and largest time constant.
     fn bounds(&self) -> (f64, f64) {
         (self.samples().clock.period, self.samples().longest() / 4.0)
     }
@@ -254,7 +249,6 @@ impl DynamicsSearch<'_> {
         Some((set, lag))
     }
 
-    /// The set with other terms at a position, at their best lag, found in `steps` steps from another lag.
     fn attempt(
         &self,
         set: &TermSet,
@@ -277,8 +271,8 @@ impl DynamicsSearch<'_> {
         self.equations.errors(set, lag).map_or(f64::INFINITY, |errors| errors.systematic())
     }
 
-    /// Moves a time constant, by up to about a factor, to the least errors on a parabola through three
-    /// points. Returns the terms and their lag.
+    /// Moves a time constant, by up to about a factor, to the least errors on a parabola through
+    /// three points. Returns the terms and their lag.
     fn move_one(
         &self,
         set: TermSet,
@@ -310,7 +304,6 @@ impl DynamicsSearch<'_> {
     }
 }
 
-/// Terms and a lag that were tried.
 struct Attempt {
     score: f64,
     set: TermSet,

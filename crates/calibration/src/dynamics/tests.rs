@@ -1,5 +1,4 @@
-//! A synthetic sensor: six channels that mix six loads, creep with two time constants, and have a late
-//! reference.
+//! A synthetic sensor: six channels that mix six loads, creep, and have a late reference.
 
 use least_squares::error::FitError;
 use std::f64::consts::TAU;
@@ -10,10 +9,8 @@ use shell_data::dataset::{BLOCK_ROWS, Dataset};
 use shell_data::wrench::Axes;
 use system_tests::random::Random;
 
-/// Rows per second.
 const RATE_HZ: f64 = 200.0;
 
-/// Number of sines in each load.
 const SINES: usize = 12;
 
 struct SyntheticSensor {
@@ -24,7 +21,6 @@ struct SyntheticSensor {
 }
 
 impl SyntheticSensor {
-    /// Generates a recording of this many seconds.
     fn log(&self, seed: u64, seconds: usize) -> Dataset {
         let mut random = Random(seed);
         let sines: Vec<(f64, f64, f64)> = (0..6 * SINES)
@@ -93,11 +89,10 @@ const RIGID: SyntheticSensor = SyntheticSensor { lag_s: 0.0, creep: [(0.0, 1.0);
 
 #[test]
 fn lag_and_both_time_constants_of_a_known_sensor_are_found() {
-    // The fit takes a reading to be held until the next, 5 ms later, which moves the lag by 0.06 ms. Half a
-    // minute determines the lag less exactly than two minutes.
+    // The fit takes a reading to be held until the next, 5 ms later, which moves the lag by 0.06
+    // ms. Half a minute determines the lag less exactly than two minutes.
     for (lag_s, logs, tolerance) in [(0.0031, 4, 1e-4), (-0.0074, 1, 1.5e-4)] {
-        // Noise is a fifth of a per cent of the loads; with more, noise in the readings moves the lag by a
-        // tenth of its value.
+        // Noise is a fifth of a per cent of the loads; more moves the lag by a tenth of its value.
         let sensor = SyntheticSensor { lag_s, creep: [(0.08, 0.06), (0.1, 1.4)], noise: 0.005 };
         let found =
             find(&sensor.logs(logs), &DynamicsRule::AUTO, true, Workers::ONE).unwrap().unwrap();

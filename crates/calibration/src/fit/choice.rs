@@ -1,4 +1,4 @@
-//! The choice of the model before the fit, with its held-out errors and the groups within which errors are
+//! Choice of the model before the fit, with held-out errors and the groups within which errors are
 //! alike.
 
 use std::ops::Range;
@@ -30,15 +30,11 @@ const FEWEST_GROUPS: usize = 10;
 /// The model to fit, and the results that are known before the fit.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ModelChoice {
-    /// The family of features.
     pub(super) basis: Basis,
-    /// λ of the ridge.
     pub(super) ridge: f64,
-    /// The choice of the family, if it was chosen.
     pub(super) selection: Option<Selection>,
     /// Held-out errors, if they were requested or the model was chosen by them.
     pub(super) cross_validation: Option<CrossValidation>,
-    /// Advice from the choice or the held-out errors.
     pub(super) advice: Option<Advice>,
     /// The sums of the training rows by held-out group, if they were computed.
     pub(super) sums: Option<GroupedSums>,
@@ -46,11 +42,8 @@ pub(super) struct ModelChoice {
     pub(super) own_sums: Option<GroupedSums>,
     /// The groups that the covariance holds out together, if they are blocks of time.
     pub(super) stretches: Option<Vec<Range<usize>>>,
-    /// The definition of the groups.
     pub(super) group_by: Option<GroupBy>,
-    /// The rows used, with the labels of these groups.
     pub(super) labelled: Option<Dataset>,
-    /// True if the covariance is to come from the groups.
     pub(super) by_group: bool,
     /// Why it cannot come from the groups, although there are some.
     pub(super) not_grouped: Option<FitError>,
@@ -69,16 +62,15 @@ impl ModelChoice {
         self.own_sums.as_ref().or(self.sums.as_ref())
     }
 
-    /// The groups that were found, if none were given.
     pub(super) fn found_groups(&self) -> Option<FoundGroups> {
         let are_sums = self.covariance_sums().is_some_and(|sums| !sums.are_rows());
         let is_used = are_sums || self.sums.is_some() || self.cross_validation.is_some();
         self.group_by.as_ref().filter(|_| is_used)?.found()
     }
 
-    /// Holds out each block of time alone for the covariance, if the groups of `sums` are such blocks and
-    /// have, on average, at least half as many rows as the model has features. Each then adds little to the
-    /// scatter of all.
+    /// Holds out each block of time alone for the covariance, if the groups of `sums` are such
+    /// blocks and have, on average, at least half as many rows as the model has features. Each then
+    /// adds little to the scatter of all.
     fn set_stretches(&mut self, sums: &GroupedSums, model: &Model) {
         let groups = sums.groups();
         let are_long = 2 * sums.rows() >= (groups * model.term_count()) as u64;
@@ -87,8 +79,8 @@ impl ModelChoice {
         self.stretches = (are_long && are_stretches).then(each_alone);
     }
 
-    /// Returns the warnings about missing standard errors by group, for the reasons known here and to the fit
-    /// (`not_grouped`).
+    /// Returns the warnings about missing standard errors by group, for the reasons known here and
+    /// to the fit (`not_grouped`).
     ///
     /// # Errors
     /// [`FitError::NoGroupCovariance`] if `rule` requests these errors explicitly.
@@ -108,8 +100,8 @@ impl ModelChoice {
     }
 }
 
-/// The rows and the options of a fit. Groups are found in all training rows; the rows to use are selected
-/// after all are labelled.
+/// The rows and the options of a fit. Groups are found in all training rows; the rows to use are
+/// selected after all are labelled.
 #[derive(Clone, Copy)]
 pub(super) struct FitInput<'a> {
     pub(super) train: &'a Dataset,
@@ -123,7 +115,6 @@ impl FitInput<'_> {
         self.train.select(self.options.fresh, self.excluded)
     }
 
-    /// The training rows to use, labelled by the groups that can be held out.
     pub(super) fn labelled(&self, held_out: HeldOut) -> Option<(GroupBy, Dataset)> {
         self.select(label_groups(self.train, held_out))
     }
@@ -203,7 +194,7 @@ impl FitOptions<'_> {
         self.cross_validation.or_else(|| (self.model == ModelRule::Auto).then_some(HeldOut::Auto))
     }
 
-    /// The groups to hold out: always those of a column in a fit to means, unless folds are requested.
+    /// Always those of a column in a fit to means, unless folds are requested.
     pub(super) fn held_out(&self) -> HeldOut {
         match self.validation() {
             Some(HeldOut::Folds(folds)) => HeldOut::Folds(folds),
@@ -239,9 +230,9 @@ impl FitOptions<'_> {
         }
     }
 
-    /// Chooses the family of features by folds of groups, on some rows of each group. Uses exact sums if they
-    /// are possible, regardless of the solver for the fit. Otherwise it also returns the errors on each fold,
-    /// unless rows were left out.
+    /// Chooses the family of features by folds of groups, on some rows of each group. Uses exact
+    /// sums if they are possible, regardless of the solver for the fit. Otherwise it also returns
+    /// the errors on each fold, unless rows were left out.
     fn choose_family(
         &self,
         choice: &mut ModelChoice,
@@ -264,8 +255,7 @@ impl FitOptions<'_> {
         }
     }
 
-    /// The exact sums of the rows by group; `None` if the requested solver has no use for them, or the rows
-    /// cannot be summed exactly.
+    /// Exact sums by group; `None` if the solver has no use for them, or there are none.
     fn sum(&self, choice: &ModelChoice, rows: &Dataset) -> Result<Option<SumsByGroup>, FitError> {
         if self.basis().is_some() && self.solver != SolverKind::Exact {
             return Ok(None);
@@ -277,7 +267,6 @@ impl FitOptions<'_> {
         }
     }
 
-    /// Adds the errors and the advice from sums by group to a choice.
     pub(super) fn decide(
         &self,
         mut choice: ModelChoice,
@@ -307,7 +296,6 @@ impl FitOptions<'_> {
         Model { basis, intercept: self.intercept, channels, memory }
     }
 
-    /// Chooses the family of features and the ridge by held-out groups.
     pub(super) fn select(
         &self,
         choice: &mut ModelChoice,
@@ -323,8 +311,8 @@ impl FitOptions<'_> {
         if self.ridge > 0.0 { std::slice::from_ref(&self.ridge) } else { &selection::RIDGES }
     }
 
-    /// The R factors of labelled rows by group. Returns `None` and stores the reason in `choice` if the
-    /// groups do not allow them, which is an error only if standard errors by group are requested explicitly.
+    /// R factors by group. `None`, with the reason in `choice`, if the groups do not allow them,
+    /// which is an error only if standard errors by group are requested explicitly.
     fn factor_groups(
         &self,
         choice: &mut ModelChoice,
@@ -345,7 +333,8 @@ impl FitOptions<'_> {
         }
     }
 
-    /// Takes standard errors and intervals from blocks of time in the files, if files of motion were held out.
+    /// Takes standard errors and intervals from blocks of time in the files, if files of motion
+    /// were held out.
     fn sum_stretches_of_files(&self, choice: &mut ModelChoice) -> Result<(), FitError> {
         let is_served = self.validates()
             && self.covariance == CovarianceRule::Auto
@@ -363,8 +352,8 @@ impl FitOptions<'_> {
         Ok(())
     }
 
-    /// Keeps the sums or rows for the solver's standard errors by group, if it cannot use the sums of the
-    /// held-out groups.
+    /// Keeps the sums or rows for the solver's standard errors by group, if it cannot use the sums
+    /// of the held-out groups.
     fn sum_for_solver(&self, choice: &mut ModelChoice, rows: &Dataset) -> Result<(), FitError> {
         let own_sums = match self.solver {
             SolverKind::Huber => Some(GroupedSums::Rows(rows_in_one(rows))),

@@ -1,6 +1,6 @@
-//! Contradictions among the training rows: parts whose reference differs from the rest, jumps of the zero,
-//! poses with far larger errors than all others, equal readings under different loads, and a reference that
-//! was computed from the readings.
+//! Contradictions among the training rows: parts whose reference differs from the rest, jumps of
+//! the zero, poses with far larger errors than all others, equal readings under different loads,
+//! and a reference that was computed from the readings.
 
 use std::collections::HashMap;
 
@@ -16,51 +16,47 @@ use shell_data::dataset::Dataset;
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Number of stretches into which a single log is divided for comparison.
 const PARTS: usize = 4;
 
-/// Maximum number of files that are compared, and of files that serve as the reference for the others.
+/// Most files that are compared, and that serve as the reference for the others.
 const MOST_FILES: usize = 40;
 const MOST_REFERENCES: usize = 4;
 
 /// Minimum number of rows per channel of a part that serves as the reference.
 const ROWS_PER_CHANNEL: usize = 4;
 
-/// Limit for the errors of a part: this many times the error of the reference part, but at least this share
-/// of its loads.
+/// Limit for a part: this many errors of the reference part, but at least this share of its loads.
 const MOST: f64 = 3.0;
 const NO_ERROR: f64 = 1e-3;
 
 /// R² on every axis from which on a reference was computed from the readings.
 const COMPUTED: f64 = 0.999_999;
 
-/// Minimum error of a pose, in errors of the other poses, for a fault; and minimum number of poses. One pose
-/// of a sound recording, hung by hand, errs 6.4 times as much as the rest; a load written down wrongly, ten
-/// times and more.
+/// Minimum error of a pose, in errors of the other poses, for a fault; and minimum number of poses.
+/// One pose of a sound recording, hung by hand, errs 6.4 times as much as the rest; a load written
+/// down wrongly, ten times and more.
 const FAR_MORE: f64 = 7.0;
 const FEWEST_POSES: usize = 8;
 
-/// Maximum difference of equal readings of two poses, and minimum difference of different loads, as shares of
-/// their ranges; and the maximum number of poses that are compared.
+/// Maximum difference of equal readings of two poses, and minimum difference of different loads, as
+/// shares of their ranges; and the maximum number of poses that are compared.
 const SAME_READINGS: f64 = 0.005;
 const OTHER_LOADS: f64 = 0.2;
 const MOST_POSES: usize = 1000;
 
-/// Maximum number of means, in order of time, in which a jump of the zero is searched for; and the number of
-/// means on each side that show how sudden it is.
+/// Maximum number of means, in order of time, in which a jump of the zero is searched for; and the
+/// number of means on each side that show how sudden it is.
 const MEANS: usize = 240;
 const BESIDE: usize = 12;
 
-/// Number of rows up to which all residuals of a log are computed; a longer log uses every second, third, …
-/// block.
+/// A log with more rows uses every second, third, … block for residuals.
 const MOST_ROWS: u64 = 100_000;
 
-/// Minimum share of the squares of the means that a jump of the zero explains, and minimum share of the jump
-/// between the means just before and just after it.
+/// Minimum share of the squares of the means that a jump of the zero explains, and minimum share of
+/// the jump between the means just before and just after it.
 const EXPLAINED: f64 = 0.6;
 const SUDDEN: f64 = 0.6;
 
-/// Finds the contradictions, most important first.
 pub(super) fn find(fit: &Fit, workers: Workers<'_>) -> Result<Vec<String>, FitError> {
     let mut found = parts(fit, workers)?;
     if found.is_empty() {
@@ -72,7 +68,7 @@ pub(super) fn find(fit: &Fit, workers: Workers<'_>) -> Result<Vec<String>, FitEr
     Ok(found)
 }
 
-/// Files, or stretches of a single file, whose reference agrees with the others only after a change.
+/// Files, or blocks of a single file, whose reference agrees with the others only after a change.
 fn parts(fit: &Fit, workers: Workers<'_>) -> Result<Vec<String>, FitError> {
     let axes = fit.calibration.axes;
     let data = fit.used.without_memory();
@@ -186,7 +182,6 @@ fn zero_jumps(fit: &Fit) -> Option<String> {
 struct Jump {
     at: usize,
     size: f64,
-    /// The share of the squares about the mean that the jump explains.
     explained: f64,
 }
 
@@ -203,7 +198,7 @@ fn jump(column: &[f64]) -> Option<Jump> {
             let [before, after] = [at, n - at].map(|rows| rows as f64);
             let explained = sum * sum * (1.0 / before + 1.0 / after) / all.squares;
             if best.as_ref().is_none_or(|best| explained > best.explained) {
-                // The deviations from the mean add up to `sum` before the jump, and to `-sum` after it.
+                // Deviations from the mean add up to `sum` before the jump, and to `-sum` after it.
                 best = Some(Jump { at, size: -sum / after - sum / before, explained });
             }
         }
@@ -256,7 +251,6 @@ struct PoseMeans {
     loads: PerAxis<f64>,
 }
 
-/// Two poses with the same readings under different loads.
 fn same_readings(fit: &Fit) -> Option<String> {
     fit.group_by.filter(|by| by.is_poses())?;
     let poses = pose_means(&fit.used.without_memory())?;

@@ -1,10 +1,10 @@
-//! Cures for a reference that disagrees with a calibration: axes exchanged, turned or mirrored, signs, units,
-//! a zero, a delay.
+//! Cures for a reference that disagrees with a calibration: axes exchanged, turned or mirrored,
+//! signs, units, a zero, a delay.
 //!
-//! A signed permutation with a scale and a zero can be tested without the rows. It takes only the products of
-//! predicted and measured axes about their means: with `k` a sign times a scale, the mean squared error is
-//! `⟨(p − k·w)²⟩ = ⟨p²⟩ − 2k⟨pw⟩ + k²⟨w²⟩`, plus `(p̄ − k·w̄)²` unless a zero is subtracted. All 48 turns and
-//! mirrors of forces and of moments, in every unit, therefore cost almost no time.
+//! A signed permutation with a scale and a zero takes only the products of predicted and measured
+//! axes about their means: with `k` a sign times a scale, the mean squared error is
+//! `⟨(p − k·w)²⟩ = ⟨p²⟩ − 2k⟨pw⟩ + k²⟨w²⟩`, plus `(p̄ − k·w̄)²` unless a zero is subtracted. All 48
+//! turns and mirrors of forces and of moments, in every unit, therefore cost almost no time.
 
 use least_squares::quality::significant;
 use shell_data::wrench::{Axes, Axis, PerAxis};
@@ -12,11 +12,11 @@ use shell_data::wrench::{Axes, Axis, PerAxis};
 /// Minimum factor by which a cure reduces the error of the worst axis.
 const SMALLER: f64 = 3.0;
 
-/// Maximum share of the squares of the loads that remains as error after a cure: in large units, even a
-/// reference of noise has small errors.
+/// Maximum share of the squares of the loads that remains as error after a cure: in large units,
+/// even a reference of noise has small errors.
 const MOST_LEFT: f64 = 0.3;
 
-/// Maximum ratio of errors after a cure to those after the best cure, for both to count as equally good.
+/// Largest ratio of errors to those of the best cure for both to be equally good.
 const AS_GOOD: f64 = 1.15;
 
 /// Factors from a recorded force to N, and from a recorded moment to N·m, with their descriptions.
@@ -40,16 +40,13 @@ const MOMENT_SCALES: [(f64, &str); 6] = [
 /// Longest delay that is tried, in rows.
 const LONGEST_DELAY: usize = 64;
 
-/// A change of the reference or of the readings after which errors beyond their limits are far smaller.
+/// A change of reference or readings after which errors beyond their limits are far smaller.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Cure {
     /// The change, as in "exchanging Fx and Fy".
     pub(super) change: String,
-    /// The axis with the largest improvement.
     pub(super) axis: Axis,
-    /// Its root mean square error before and after, N or N·m.
     pub(super) rms: [f64; 2],
-    /// True if a zero is subtracted.
     pub(super) is_zero: bool,
 }
 
@@ -70,8 +67,8 @@ impl Cure {
         })
     }
 
-    /// Returns the change as a cure if it reduces the errors enough, to a small share of the `loads`, which
-    /// are root mean squares.
+    /// Returns the change as a cure if it reduces the errors enough, to a small share of the
+    /// `loads`, which are root mean squares.
     pub(super) fn if_cured(
         change: String,
         axes: Axes,
@@ -105,11 +102,9 @@ impl std::fmt::Display for Cure {
     }
 }
 
-/// Means of predicted and measured wrenches, and mean products of the deviations from these.
 #[derive(Clone, Debug, Default)]
 pub(super) struct WrenchProducts {
     rows: f64,
-    /// Means of the predicted and of the measured axes.
     means: [PerAxis<f64>; 2],
     predicted: PerAxis<f64>,
     measured: PerAxis<f64>,
@@ -117,15 +112,13 @@ pub(super) struct WrenchProducts {
     both: PerAxis<PerAxis<f64>>,
 }
 
-/// The source of an axis in the reference: `sign · scale` times the axis `from`, minus a zero if one is
-/// subtracted.
+/// Source of an axis: `sign · scale` times the axis `from` of the reference, minus any zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Reading {
     from: usize,
     sign: f64,
 }
 
-/// The change of the three axes of forces or of moments.
 #[derive(Clone, Debug)]
 struct BlockChange {
     axes: [Reading; 3],
@@ -134,7 +127,6 @@ struct BlockChange {
 }
 
 impl WrenchProducts {
-    /// Computes them from six columns of predicted and six of measured values.
     pub(super) fn new(predicted: &PerAxis<Vec<f64>>, measured: &[Vec<f64>]) -> Self {
         let rows = predicted[0].len();
         let count = rows.max(1) as f64;
@@ -166,12 +158,10 @@ impl WrenchProducts {
         (about_means.max(0.0) + if zero { 0.0 } else { off * off }).sqrt()
     }
 
-    /// Root mean squares of the measured axes.
     pub(super) fn loads(&self) -> PerAxis<f64> {
         std::array::from_fn(|axis| (self.measured[axis] + self.means[1][axis].powi(2)).sqrt())
     }
 
-    /// The root mean square errors without a change.
     pub(super) fn plain(&self) -> PerAxis<f64> {
         std::array::from_fn(|axis| self.rms(axis, Reading { from: axis, sign: 1.0 }, 1.0, false))
     }
@@ -225,7 +215,7 @@ impl WrenchProducts {
         Cure::new(words(&changes), axes, &before, &after).map(|cure| Cure { is_zero, ..cure })
     }
 
-    /// The exchange of one force with one moment, or of all forces with all moments, that cures the errors.
+    /// Exchange of one force with one moment, or of all, that cures the errors.
     fn across(&self, limit: &PerAxis<f64>, axes: Axes) -> Option<Cure> {
         let before = self.plain();
         let read = |order: [usize; 6]| -> PerAxis<f64> {
@@ -255,8 +245,7 @@ fn cures(before: f64, after: f64) -> bool {
     before > 1.0 && before > SMALLER * after
 }
 
-/// The simplest change that cures a block. A single change (exchanged axes and signs, a unit, or a zero)
-/// takes precedence over any two of these.
+/// A single change (exchanged axes and signs, a unit, or a zero) takes precedence over two.
 fn simplest(block: usize, now: f64, score: impl Fn(&BlockChange) -> f64) -> Option<BlockChange> {
     let none = (1.0, "");
     let scales = if block == 0 { FORCE_SCALES } else { MOMENT_SCALES };
@@ -270,7 +259,7 @@ fn simplest(block: usize, now: f64, score: impl Fn(&BlockChange) -> f64) -> Opti
     let mut double: Vec<BlockChange> = turned(none, true).skip(1).collect();
     double.extend(scales.into_iter().flat_map(|scale| turned(scale, false)));
     double.extend(unit(identity, true));
-    // Two changes together improve any reference somewhat, so they must bring the errors within the limits.
+    // Two changes improve any reference somewhat, so they must bring the errors within the limits.
     for (changes, most) in [(single, f64::INFINITY), (double, 1.0)] {
         let scored: Vec<(f64, BlockChange)> =
             changes.into_iter().map(|change| (score(&change), change)).collect();
@@ -373,7 +362,6 @@ fn frame(axes: &Signed) -> String {
     }
 }
 
-/// Describes axes that are read from others or with another sign.
 fn columns(names: [&str; 3], axes: &Signed) -> String {
     let moved: Vec<usize> = (0..3).filter(|&at| axes[at].0 != at).collect();
     let turned: Vec<&str> = (0..3).filter(|&at| axes[at].1 < 0.0).map(|at| names[at]).collect();

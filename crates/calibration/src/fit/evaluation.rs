@@ -1,11 +1,11 @@
-//! Errors of a calibration on measured wrenches, by log and by group, and the difference between two
-//! calibrations.
+//! Errors of a calibration on measured wrenches, by log and by group, and the difference between
+//! two calibrations.
 //!
-//! Groups that are hard for one calibration are mostly hard for the other, so the difference is known better
-//! than either error. With D the mean over the groups of the difference of squared errors, weighted by rows,
-//! and s its standard error ([`FoldMean`]), the errors differ by `RMS₁ − RMS₂ = D/(RMS₁ + RMS₂)`. The 95 %
-//! interval of this difference has a half width of `t·s/(RMS₁ + RMS₂)`, with Student's t for G − 1 degrees of
-//! freedom.
+//! Groups that are hard for one calibration are mostly hard for the other, so the difference is
+//! known better than either error. With D the mean over the groups of the difference of squared
+//! errors, weighted by rows, and s its standard error ([`FoldMean`]), the errors differ by
+//! `RMS₁ − RMS₂ = D/(RMS₁ + RMS₂)`, with a 95 % interval of half width `t·s/(RMS₁ + RMS₂)` and
+//! Student's t for G − 1 degrees of freedom.
 
 use std::collections::HashMap;
 
@@ -89,12 +89,10 @@ pub fn evaluate(
     Ok(RowErrors::new(calibration, data, EvalOptions::default(), workers)?.logs)
 }
 
-/// Results to compute in addition to the errors.
 #[derive(Clone, Copy, Default)]
 struct EvalOptions<'a> {
     /// Units in which errors are counted by their size, if they are counted.
     size_unit: Option<&'a PerAxis<f64>>,
-    /// The test that finds rows that may be outliers.
     row_test: Option<&'a RowTest<'a>>,
     /// True if rows are compared with those of other logs.
     compares: bool,
@@ -102,25 +100,20 @@ struct EvalOptions<'a> {
     sums_loads: bool,
 }
 
-/// The errors of a calibration on the rows of a data set, and other results of the same pass.
 #[derive(Default)]
 pub(super) struct RowErrors {
-    /// The errors on each log.
     pub(super) logs: Vec<Evaluation>,
-    /// The sizes of the errors, if requested.
     pub(super) sizes: Option<PerAxis<Magnitudes>>,
     /// The rows that were tested as outliers, by block, if requested.
     pub(super) tested: Vec<Vec<TestedRow>>,
     /// Sums of the measured wrench, if requested.
     pub(super) loads: WrenchSums,
-    /// The fingerprint of each log's rows, if logs are compared.
     pub(super) fingerprints: Vec<Fingerprint>,
     /// A sample of the rows of all logs, if logs are compared.
     pub(super) sample: RowSample,
 }
 
 impl RowErrors {
-    /// Computes the results in one pass over the rows.
     fn new(
         calibration: &Calibration,
         data: &Dataset,
@@ -135,8 +128,7 @@ impl RowErrors {
             ..Evaluation::default()
         }));
         let stride = RowSample::stride(data.rows());
-        // The state of a thread: a buffer for predictions, and the sizes of the errors of all its blocks so
-        // far.
+        // Predictions and sizes of errors of a thread.
         type State = (PerAxis<Vec<f64>>, Option<PerAxis<Magnitudes>>);
         let work = |(predicted, sizes): &mut State, &(log, block): &(usize, &LabelledBlock)| {
             let rows = &*block.rows;
@@ -181,9 +173,8 @@ impl RowErrors {
         Ok(all)
     }
 
-    /// Computes the results for the training rows of a fit and for its test rows. If given, `size_unit` has
-    /// the units in which errors on the training rows are counted by size, and `row_test` tests these rows as
-    /// outliers.
+    /// Results for training rows and test rows. `size_unit` has the units in which errors on the
+    /// training rows are counted by size, and `row_test` tests these rows as outliers.
     pub(super) fn of_fit(
         calibration: &Calibration,
         [train, test]: [&Dataset; 2],
@@ -219,8 +210,8 @@ impl Leaks {
         self.test.filter(|&share| share >= LEAKY)
     }
 
-    /// The share of leaking training rows, if it is so large that errors on held-out groups say nothing about
-    /// new poses.
+    /// The share of leaking training rows, if it is so large that errors on held-out groups say
+    /// nothing about new poses.
     pub fn in_groups(&self) -> Option<f64> {
         self.groups.filter(|&share| share >= LEAKY)
     }
@@ -358,8 +349,8 @@ impl PairedError {
     }
 }
 
-/// The errors of two calibrations on the rows of `data`, with the lag and memory of each corrected. They are
-/// compared by groups of a column, files, groups found in the rows, or blocks of time.
+/// The errors of two calibrations on the rows of `data`, with the lag and memory of each corrected.
+/// They are compared by groups of a column, files, groups found in the rows, or blocks of time.
 ///
 /// # Errors
 /// [`FitError`] if there are fewer than two groups, or the watcher of the workers stops the pass.
@@ -390,7 +381,7 @@ pub fn paired_errors(
         let differences: Vec<_> = first.iter().zip(&second).map(difference).collect();
         let per_square = if rms[0] + rms[1] > 0.0 { (rms[0] + rms[1]).recip() } else { 0.0 };
         let half_width = t * FoldMean::new(&differences).standard_error * per_square;
-        // A difference of equal sums of squares due to rounding means nothing, however narrow the interval.
+        // A difference by rounding means nothing, however narrow the interval.
         let is_rounding = (rms[0] - rms[1]).abs() <= ROUNDING * (rms[0] + rms[1]);
         let difference = if is_rounding { 0.0 } else { rms[0] - rms[1] };
         PairedError { rms, difference, half_width }

@@ -1,4 +1,4 @@
-//! The examination of a fit: its errors on the test compared with the promised errors, the cure if they are
+//! Examination of a fit: errors on the test against the promised errors, the cure if they are
 //! larger, and contradictions among the training rows.
 
 use super::cures::{Cure, WrenchProducts, delay};
@@ -15,8 +15,8 @@ use sensor_physics::COVERAGE_LEVEL;
 use shell_data::block::Block;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// A test fails if its error is certainly larger than this many times the promised error. The second limit
-/// applies if only the training error is known, not the error on held-out rows.
+/// A test fails if its error is certainly larger than this many times the promised error. The
+/// second limit applies if only the training error is known, not the error on held-out rows.
 const MOST: f64 = 2.0;
 const MOST_OF_TRAINING: f64 = 3.0;
 
@@ -52,8 +52,8 @@ pub struct TestRatio {
     pub axis: Axis,
     /// The error divided by the promised error.
     pub ratio: f64,
-    /// The 95 % interval of the ratio, from the scatter between groups of test rows; zero to infinity for a
-    /// single group.
+    /// The 95 % interval of the ratio, from the scatter between groups of test rows; zero to
+    /// infinity for a single group.
     pub interval: [f64; 2],
 }
 
@@ -108,8 +108,8 @@ impl Fit {
         }
     }
 
-    /// The largest errors with which a test passes, and the ratio on the axis that most certainly exceeds its
-    /// promise.
+    /// The largest errors with which a test passes, and the ratio on the axis that most certainly
+    /// exceeds its promise.
     fn test_ratio(
         &self,
         workers: Workers<'_>,
@@ -130,7 +130,6 @@ impl Fit {
         Ok((limit, ratios.max_by(|a, b| a.interval[0].total_cmp(&b.interval[0]))))
     }
 
-    /// Describes the fault of a test that fails.
     fn test_fault(&self, of: &TestRatio, limit: &PerAxis<f64>) -> String {
         if let Some(cure) = self.cure_of_test(limit) {
             return cure;
@@ -210,8 +209,8 @@ impl TestRatio {
         ratio.is_finite().then_some(Self { axis, ratio, interval })
     }
 
-    /// Returns true if the error is certainly larger than `most` times the promised error. A single group has
-    /// an infinite interval: its limit is `most` squared.
+    /// Returns true if the error is certainly larger than `most` times the promised error. A single
+    /// group has an infinite interval: its limit is `most` squared.
     fn fails(&self, most: f64) -> bool {
         match self.interval[1].is_finite() {
             true => self.interval[0] > most,
@@ -230,7 +229,6 @@ fn cure(calibration: &Calibration, rows: &Block, limit: &PerAxis<f64>, axes: Axe
     found.or_else(|| exchanged_channels(calibration, rows, limit, axes))
 }
 
-/// The exchange of two channels that cures the rows.
 fn exchanged_channels(
     calibration: &Calibration,
     rows: &Block,

@@ -1,7 +1,5 @@
-//! Means of groups of training rows, which replace the rows.
-//!
-//! The rows of a pose repeat one observation many times. A fit to the means gives each pose the same weight,
-//! regardless of how long it was held.
+//! Means of groups of training rows, which replace the rows: the rows of a pose repeat one
+//! observation, and its weight should not depend on how long it was held.
 
 use least_squares::double_double::DoubleDouble;
 use least_squares::error::FitError;

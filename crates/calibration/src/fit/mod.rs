@@ -4,9 +4,8 @@
 //! Dataset ─▶ outliers left out ─▶ groups ─▶ model, by held-out groups ─▶ solution ─▶ errors, intervals, warnings
 //! ```
 //!
-//! Logs and arrays enter as a [`Dataset`], [partial fits](fit_sums) as sums in place of rows. The result is a
-//! [`Fit`], which holds everything the user should know as [`Warning`] values: the caller prints and writes
-//! files.
+//! Logs and arrays enter as a [`Dataset`], [partial fits](fit_sums) as sums in place of rows. The
+//! result is a [`Fit`], with everything the user should know as [`Warning`] values.
 //!
 //! ```
 //! use calibration::{Basis, FitOptions, fit};
@@ -89,7 +88,6 @@ pub struct Fit {
     pub calibration: Calibration,
     /// How it was found.
     pub method: FitMethod,
-    /// The rows that were fitted, with the labels of their groups if these are known.
     pub used: Dataset,
     /// The test rows that were used.
     pub tested: Dataset,
@@ -188,8 +186,8 @@ impl Fit {
         self.solution().map_or_else(|| self.parameter_count(), |solution| solution.rank)
     }
 
-    /// Condition number of the features, columns scaled to norm one; `None` if infinite, and for physics
-    /// models.
+    /// Condition number of the features, columns scaled to norm one; `None` if infinite, and for
+    /// physics models.
     pub fn condition(&self) -> Option<f64> {
         Some(self.solution()?.condition).filter(|condition| condition.is_finite())
     }
@@ -199,7 +197,6 @@ impl Fit {
         Evaluation::total(&self.tests)
     }
 
-    /// Creates a fit of the chosen model, without other results so far.
     fn new(
         calibration: Calibration,
         choice: ModelChoice,
@@ -237,7 +234,7 @@ impl Fit {
         }
     }
 
-    /// Adds the errors on the rows `used` for training and on test rows, and the warnings that follow from them.
+    /// Adds the errors on the training rows `used` and on test rows, with their warnings.
     fn with_errors(
         self,
         used: Dataset,
@@ -264,7 +261,6 @@ impl Fit {
         fitted
     }
 
-    /// Adds the warnings about loads, leaks, the solution, intervals and the range of the test rows.
     fn warn(&mut self) {
         let test = self.test();
         let lever_m = self.excitation.as_ref().and_then(Excitation::lever_m);
@@ -303,15 +299,12 @@ impl Fit {
 }
 
 /// Fits a calibration to `train` and finds its errors there and on `test`, which may have no rows.
-///
-/// If lag or memory is found, the correction modifies the blocks of rows in place, or copies blocks that the
-/// caller still holds.
-///
-/// All logs of both must have the same channels and the same axes of the wrench.
+/// Both need the same channels and axes. If lag or memory is found, the correction modifies the
+/// blocks of rows in place, or copies blocks that the caller still holds.
 ///
 /// # Errors
-/// [`FitError`] if the rows do not determine a calibration, an option needs groups and there are none, a log
-/// is a copy of another, or the watcher of the workers stops the fit.
+/// [`FitError`] if the rows do not determine a calibration, an option needs groups and there are
+/// none, a log is a copy of another, or the watcher of the workers stops the fit.
 pub fn fit(train: Dataset, test: Dataset, options: &FitOptions<'_>) -> Result<Fit, FitError> {
     if train.logs.is_empty() {
         return Err(FitError::NoRows);
@@ -336,7 +329,6 @@ pub fn fit(train: Dataset, test: Dataset, options: &FitOptions<'_>) -> Result<Fi
     Ok(fitted)
 }
 
-/// Finds the rows to leave out.
 fn drop_outliers(train: &Dataset, options: &FitOptions<'_>) -> Result<Outliers, FitError> {
     let drops = options.outliers == OutlierRule::Drop;
     if !drops && options.valid_range.is_none() {

@@ -17,8 +17,8 @@ use shell_data::wrench::{Axes, PerAxis};
 pub enum ModelRule {
     /// A polynomial of this family of features.
     Given(Basis),
-    /// The smallest polynomial that predicts new groups about as well as the best one, or the physics model
-    /// if that predicts them better. The cubic polynomial if nothing can be held out.
+    /// The smallest polynomial that predicts new groups about as well as the best one, or the
+    /// physics model if that predicts them better. The cubic polynomial if nothing can be held out.
     Auto,
     /// The physics model.
     Physics,
@@ -80,13 +80,13 @@ pub struct FitOptions<'a> {
     pub model: ModelRule,
     /// Fits a constant in addition to the features.
     pub intercept: bool,
-    /// λ of a ridge on columns of norm one. Zero means no ridge or, if the family of features is chosen, the
-    /// best of several.
+    /// λ of a ridge on columns of norm one. Zero means no ridge or, if the family of features is
+    /// chosen, the best of several.
     pub ridge: f64,
     /// The solver. Refined QR replaces the exact solver for rows that it cannot take.
     pub solver: SolverKind,
-    /// For [`SolverKind::Svd`]: leaves out directions with a singular value below this share of the largest,
-    /// for columns of norm one.
+    /// For [`SolverKind::Svd`]: leaves out directions with a singular value below this share of the
+    /// largest, for columns of norm one.
     pub truncate: Option<f64>,
     /// Finds the errors on held-out groups. For a model that is chosen, they are found in any case.
     pub cross_validation: Option<HeldOut>,
@@ -104,11 +104,11 @@ pub struct FitOptions<'a> {
     pub valid_range: Option<[f64; 2]>,
     /// The treatment of outliers.
     pub outliers: OutlierRule,
-    /// The name of a requested option that only polynomials support. [`ModelRule::Auto`] then chooses only
-    /// among polynomials.
+    /// The name of a requested option that only polynomials support. [`ModelRule::Auto`] then
+    /// chooses only among polynomials.
     pub polynomials_only: Option<&'a str>,
-    /// Stated loads by label of their group, which replace the wrench in held-out errors of the physics model
-    /// if the wrench of the rows was corrected by their own readings.
+    /// Stated loads by label of their group, which replace the wrench in held-out errors of the
+    /// physics model if the wrench of the rows was corrected by their own readings.
     pub stated_loads: Option<&'a BTreeMap<String, PerAxis<f64>>>,
     /// The threads, and who watches them.
     pub workers: Workers<'a>,
@@ -126,7 +126,6 @@ pub enum GroupsAsked {
 }
 
 impl Default for FitOptions<'_> {
-    /// The defaults of `shellcal fit`.
     fn default() -> Self {
         Self {
             model: ModelRule::Auto,
@@ -176,8 +175,8 @@ impl FitOptions<'_> {
         !self.means && self.outliers == OutlierRule::Report
     }
 
-    /// Checks that the options suit rows with weights, which exact sums cannot take: they allow a plain
-    /// least-squares fit and standard errors by row.
+    /// Checks that the options suit rows with weights, which exact sums cannot take: they allow a
+    /// plain least-squares fit and standard errors by row.
     pub(super) fn check_weighted(&self) -> Result<(), FitError> {
         let what = match self {
             Self { model: ModelRule::Physics, .. } => "the physics model",
@@ -200,8 +199,8 @@ impl FitOptions<'_> {
         }
     }
 
-    /// Finds lag and memory as far as requested, and prepares the rows for a model with them: adds memory
-    /// terms to the readings and takes the wrench at the time of the readings.
+    /// Finds lag and memory as far as requested, and prepares the rows for a model with them: adds
+    /// memory terms to the readings and takes the wrench at the time of the readings.
     pub(super) fn prepare(
         &self,
         [train, test]: [Dataset; 2],
@@ -228,8 +227,7 @@ impl FitOptions<'_> {
     }
 }
 
-/// Checks that rows have all axes of the wrench, because every sensor responds to all of them, and have no
-/// weights.
+/// Checks that rows have all axes of the wrench, to which every sensor responds, and no weights.
 ///
 /// # Errors
 /// [`FitError::PhysicsAxes`], [`FitError::Weights`].

@@ -16,25 +16,22 @@ use shell_data::block::Block;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Maximum number of fits before the search stops.
 const MOST_ROUNDS: usize = 12;
 
-/// Maximum number of rows that can be slips of single rows: this share of all rows, but at least the second
-/// number.
+/// More rows are not slips: this share of all rows, but at least the second number.
 const LARGEST_SHARE: f64 = 0.01;
 const MANY: usize = 50;
 
 /// An outlier's error exceeds this many times the errors of all but that share of the rows.
 const FAR_BEYOND: f64 = 2.5;
 
-/// Distance of a value from its nearer neighbour, in standard deviations, above which a warning names the
-/// column.
+/// Distance of a value from its nearer neighbour, in standard deviations, above which a warning
+/// names the column.
 const FAR_FROM_NEIGHBOURS: f64 = 2.0;
 
 /// Minimum size of an impossible load, in standard deviations.
 const FAR_BEYOND_LOADS: f64 = 10.0;
 
-/// A tested row, with the position of its block.
 type Suspect = (usize, TestedRow);
 /// A row, by the position of its block and its position in the block.
 type RowKey = (usize, usize);
@@ -44,8 +41,8 @@ fn key((block, tested): &Suspect) -> RowKey {
     (*block, tested.row)
 }
 
-/// Searches for outliers in `data` with the family of features in `options`, or with the cubic model if they
-/// give none.
+/// Searches for outliers in `data` with the family of features in `options`, or with the cubic
+/// model if they give none.
 ///
 /// # Errors
 /// [`FitError`] if the other rows do not determine a calibration.
@@ -53,7 +50,6 @@ pub fn find_outliers(data: &Dataset, options: &FitOptions<'_>) -> Result<Outlier
     search(data, options, None)
 }
 
-/// A fit to all rows, their spread, and the rows of each block that were tested by the fit.
 pub(super) struct KnownFit<'a> {
     pub(super) fit: &'a Solved,
     pub(super) spread: Spread,
@@ -123,8 +119,7 @@ fn search(
             return Ok(Outliers { too_many: Some(suspects.len()), ..Outliers::default() });
         }
         left_out = suspects.iter().map(key).collect();
-        // A set that was tried before: some rows alternate between in and out, and the search would never
-        // end.
+        // Some rows alternate between in and out: the search would never end.
         if !tried.insert(left_out.clone()) {
             break;
         }
@@ -137,8 +132,8 @@ fn search(
     Ok(Outliers { rows, too_many: None, rms })
 }
 
-/// The size above which an error makes a row an outlier: far beyond the sizes of all but `most` rows.
-/// `unseen` is the maximum size of rows that are not suspects.
+/// The size above which an error makes a row an outlier: far beyond the sizes of all but `most`
+/// rows. `unseen` is the maximum size of rows that are not suspects.
 fn limit_beyond(tested: &[Suspect], most: usize, unseen: f64) -> f64 {
     let mut sizes: Vec<f64> = tested.iter().map(|(_, of)| of.size).collect();
     let tail = match sizes.len() > most {
@@ -151,9 +146,7 @@ fn limit_beyond(tested: &[Suspect], most: usize, unseen: f64) -> f64 {
 struct OutlierSearch<'a> {
     data: &'a Dataset,
     options: &'a FitOptions<'a>,
-    /// The blocks of rows, each with the index of its log.
     blocks: Vec<(usize, &'a Block)>,
-    /// The rows of each block to test, ascending.
     suspects: Vec<Vec<usize>>,
     spread: &'a Spread,
     /// The standard deviations of the errors of the fit that last scanned all rows for suspects.
@@ -161,7 +154,6 @@ struct OutlierSearch<'a> {
 }
 
 impl OutlierSearch<'_> {
-    /// Starts from the rows of each block that were tested by the fit to all rows.
     fn start_from(&mut self, fit: &Solved, tested: Vec<Vec<TestedRow>>) -> Vec<Suspect> {
         self.looked_by = RowTest::new(&fit.solution, self.spread).map(|test| test.noise);
         self.suspects = tested.iter().map(|of| of.iter().map(|of| of.row).collect()).collect();
@@ -186,11 +178,11 @@ impl OutlierSearch<'_> {
         solve(&problem, None, &Rows::new(&used, self.options.workers), sample)
     }
 
-    /// The fit `all` without some of its rows, computed from its solution or its sums; `None` if that
-    /// requires a pass over the other rows.
+    /// The fit `all` without some of its rows, computed from its solution or its sums; `None` if
+    /// that requires a pass over the other rows.
     fn without(&self, all: &Solved, left_out: &RowKeys) -> Result<Option<Solution>, FitError> {
-        /// Maximum number of rows to remove from the solution, because each needs memory for all features. It
-        /// is better to remove more rows from the sums, or leave them out of a pass.
+        /// Maximum number of rows to remove from the solution, because each needs memory for all
+        /// features. It is better to remove more rows from the sums, or leave them out of a pass.
         const MOST_TAKEN_OUT: usize = 4096;
         let rows = self.gather(left_out);
         let few = rows.rows <= MOST_TAKEN_OUT;
@@ -217,7 +209,6 @@ impl OutlierSearch<'_> {
         rows.filter(|&row| fresh.as_ref().is_none_or(|fresh| fresh[row])).collect()
     }
 
-    /// Scans all rows for further suspects.
     fn look(&mut self, test: &RowTest<'_>) -> Result<(), FitError> {
         let work = |room: &mut PerAxis<Vec<f64>>, &(_, block): &(usize, &Block)| {
             test.calibration.wrench(&block.readings, room);
@@ -238,9 +229,9 @@ impl OutlierSearch<'_> {
         Ok(())
     }
 
-    /// Tests the suspects by a fit without the rows `excluded`, and finds the size above which an error makes
-    /// a row an outlier. Scans all rows for suspects again only if other rows may change the result: if one
-    /// of them may be an outlier, or so many may have large errors that the limit rises.
+    /// Tests the suspects by a fit without `excluded` rows, and finds the size that makes an
+    /// outlier. Scans all rows again only if others may be outliers, or so many have large errors
+    /// that the limit rises.
     fn test(
         &mut self,
         test: &RowTest<'_>,
@@ -265,7 +256,6 @@ impl OutlierSearch<'_> {
         Ok((tested, limit))
     }
 
-    /// Tests the suspects by a fit without the rows `excluded`.
     fn test_suspects(
         &self,
         test: &RowTest<'_>,
@@ -283,7 +273,6 @@ impl OutlierSearch<'_> {
         Ok(tested.into_iter().flatten().collect())
     }
 
-    /// The rows with a reading outside the valid range.
     fn rows_out_of_range(&self) -> RowKeys {
         let Some([least, most]) = self.options.valid_range else { return RowKeys::new() };
         let of_block = |(at, &(_, block)): (usize, &(usize, &Block))| {
@@ -296,12 +285,10 @@ impl OutlierSearch<'_> {
         self.blocks.iter().enumerate().flat_map(of_block).collect()
     }
 
-    /// Root mean square errors of the fit to all rows, and of the fit without the rows `left_out`, both on
-    /// the rows that are not left out.
-    ///
-    /// For the first, the squared errors of the rows left out are subtracted from the sum of all squared
-    /// errors. The subtraction loses few digits: a row with a far larger error than all others bends the fit,
-    /// so that the others have errors, too.
+    /// Root mean square errors of the fit to all rows and of the fit without the rows `left_out`,
+    /// both without these rows. For the first, their squared errors are subtracted from the sum,
+    /// which loses few digits: a row with a far larger error bends the fit, so that others have
+    /// errors, too.
     fn rms(&self, [all, without]: [&Solution; 2], left_out: &RowKeys) -> Option<[PerAxis<f64>; 2]> {
         let left_out = self.gather(left_out);
         let mut predicted = PerAxis::default();
@@ -329,8 +316,8 @@ impl OutlierSearch<'_> {
         Reason::Error { axis: Axis::ALL[axis], size, error, is_possible }
     }
 
-    /// Names a row and the columns that differ most from its neighbours or, for a row outside the valid
-    /// range, the readings that are outside.
+    /// Names a row and the columns that differ most from its neighbours or, for a row outside the
+    /// valid range, the readings that are outside.
     fn name(&self, (block, row): RowKey, reason: Reason) -> Outlier {
         let (log, rows) = self.blocks[block];
         let (channels, terms) = (self.data.channels(), rows.memory_columns);

@@ -55,11 +55,9 @@ pub struct OutlierColumn {
 pub struct Outliers {
     /// The outliers, in the order of the rows.
     pub rows: Vec<Outlier>,
-    /// Number of rows that stand out, if they are too many for slips of single rows. They are then not
-    /// listed.
+    /// Number of rows that stand out, if too many for slips; they are not listed.
     pub too_many: Option<usize>,
-    /// Root mean square errors on all other rows: of the fit to all rows, and of the fit without the
-    /// outliers.
+    /// Root mean square errors on all other rows: of the fit to all rows, and without the outliers.
     pub rms: Option<[PerAxis<f64>; 2]>,
 }
 
@@ -113,8 +111,7 @@ pub struct RowName {
 }
 
 impl Outlier {
-    /// Describes which columns of the row stand out, and how large its error is. `names` are the names of all
-    /// columns.
+    /// Describes which columns (of all, `names`) stand out, and how large the error is.
     pub fn why(&self, names: &[String]) -> String {
         let columns = self.columns.iter().take(3).map(|column| {
             let beside: Vec<String> = [column.before, column.after]

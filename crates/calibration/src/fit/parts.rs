@@ -12,7 +12,7 @@ use shell_data::wrench::{Axes, PerAxis};
 /// Maximum number of rows in which a cure is searched for.
 pub(super) const ROWS: usize = 4000;
 
-/// Up to [`ROWS`] rows, spread evenly over a part of some blocks; `part` is a range of shares of all rows.
+/// Up to [`ROWS`] rows, spread evenly over a part of some blocks, as a range of shares of all rows.
 pub(super) fn spread(blocks: &[&Block], part: std::ops::Range<f64>) -> Block {
     let rows: usize = blocks.iter().map(|block| block.rows).sum();
     let [from, to] = [part.start, part.end].map(|share| (share * rows as f64) as usize);
@@ -36,7 +36,8 @@ pub(super) fn predicted(calibration: &Calibration, rows: &Block) -> PerAxis<Vec<
     predicted
 }
 
-/// Fits a linear model to some rows, for the prediction of others; `None` if the rows do not determine it.
+/// Fits a linear model to some rows, for the prediction of others; `None` if the rows do not
+/// determine it.
 pub(super) fn linear(
     rows: Block,
     axes: Axes,

@@ -27,16 +27,16 @@ use sensor_physics::{
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Number of groups per coefficient of the cubic model below which polynomials are unreliable between the
-/// groups.
+/// Number of groups per coefficient of the cubic model below which polynomials are unreliable
+/// between the groups.
 const GROUPS_PER_FEATURE: usize = 8;
 
-/// Ratio of a polynomial's squared error on held-out groups to that on its own rows, above which it is a poor
-/// model of them.
+/// Ratio of a polynomial's squared error on held-out groups to that on its own rows, above which it
+/// is a poor model of them.
 const MUCH_WORSE: f64 = 2.0;
 
-/// Number of folds on which the physics model is first tried with default priors, before its own are chosen
-/// on all; and the maximum ratio of its squared error to the polynomial's there.
+/// Number of folds on which the physics model is first tried with default priors, before its own
+/// are chosen on all; and the maximum ratio of its squared error to the polynomial's there.
 const TRIED_FIRST: usize = 5;
 const OUT_OF_REACH: f64 = 4.0;
 
@@ -71,11 +71,9 @@ impl PhysicsFit {
     }
 }
 
-/// A physics model that was compared with a polynomial, and its held-out errors.
 pub(super) type TriedPhysics = ((PhysicsCalibration, Choice), PhysicsValidation);
 
-/// Fits the physics model and finds its errors on the training and the test rows. `tried` is the fitted
-/// model, if a comparison has already needed it.
+/// Fits the physics model and finds its errors. A comparison may have `tried` it already.
 pub(super) fn fit(input: FitInput<'_>, tried: Option<TriedPhysics>) -> Result<Fit, FitError> {
     // The physics model has no memory terms.
     let [train, test] = &[input.train, input.test].map(Dataset::without_memory);
@@ -127,11 +125,10 @@ pub(super) fn fit(input: FitInput<'_>, tried: Option<TriedPhysics>) -> Result<Fi
     Ok(fitted.with_errors(used, test, errors, options))
 }
 
-/// A physics model with its choice, and the folds for its held-out errors.
 type FittedOnFolds = ((PhysicsCalibration, Choice), Vec<Vec<u64>>);
 
-/// Fits the physics model, and assigns the folds for its held-out errors. The choice of priors does not
-/// depend on these folds.
+/// Fits the physics model, and assigns the folds for its held-out errors. The choice of priors does
+/// not depend on these folds.
 fn fit_sample(
     rows: &TrainingRows,
     sample: ObservationSample,
@@ -151,8 +148,7 @@ fn assign_folds(rows: &TrainingRows, folds: usize) -> Result<Vec<Vec<u64>>, FitE
     Ok(assign_groups(&rows.group_sizes(), folds)?.into_iter().map(groups_of).collect())
 }
 
-/// The number of folds in which `groups` groups are held out. Stretches of time are not each held out alone
-/// by default: each has many rows, and none is a pose.
+/// Blocks of time are not each held out alone by default: each has many rows, and none is a pose.
 fn fold_count(held_out: HeldOut, groups: usize, group_by: GroupBy) -> usize {
     match held_out {
         HeldOut::Folds(folds) => folds.min(groups),
@@ -180,11 +176,10 @@ impl ModelComparison {
         self.comparison.all.first_is_better()
     }
 
-    /// Fits the physics model without each fold of the groups on which a polynomial was chosen, and compares
-    /// the errors on that fold. Returns `None` if no polynomial was chosen by sums, or if there is little to
-    /// gain: there are many groups, and the polynomial's errors on held-out groups are hardly larger than on
-    /// its own rows. Returns no physics model if its errors on the first folds are far larger than the
-    /// polynomial's.
+    /// Fits the physics model without each fold of the groups on which a polynomial was chosen, and
+    /// compares the errors. `None` if no polynomial was chosen by sums, or if there is little to
+    /// gain: many groups, and hardly larger errors of the polynomial on held-out groups than on its
+    /// own rows. Without a physics model if its errors on the first folds are far larger.
     pub(super) fn of(
         input: FitInput<'_>,
         choice: &ModelChoice,
@@ -239,8 +234,8 @@ impl ModelComparison {
     }
 }
 
-/// Returns true if there are few groups, or if the polynomial has much larger errors on held-out groups than
-/// on its own rows. Stretches of time do not count as few: each has many loads.
+/// Returns true if there are few groups, or the polynomial has much larger errors on held-out
+/// groups than on its own rows. Blocks of time are not few: each has many loads.
 fn is_worth_trying(
     sums: &SumsByGroup,
     group_by: GroupBy,

@@ -1,8 +1,6 @@
-//! A polynomial in the readings: the fit of the chosen model to rows or to the sums of partial fits, with its
-//! errors and covariance.
-//!
-//! Sums give the same results as rows, except for those that need another pass over the rows: the largest
-//! errors, and the distributions of errors and loads.
+//! A polynomial in the readings, fitted to rows or to the sums of partial fits, with errors and
+//! covariance. Sums give the same results as rows, except for the largest errors and the
+//! distributions of errors and loads, which need another pass.
 
 use std::mem::take;
 
@@ -26,7 +24,8 @@ use shell_data::dataset::Dataset;
 use shell_data::fingerprint::Fingerprint;
 use shell_data::wrench::{Axes, PerAxis};
 
-/// The covariance, if there is one; and why it is not by groups, if it falls back to independent rows.
+/// The covariance, if there is one; and why it is not by groups, if it falls back to independent
+/// rows.
 fn covariance(
     solution: &Solution,
     solver: SolverKind,
@@ -47,19 +46,18 @@ fn covariance(
     }
 }
 
-/// Condition number below which refined QR has all digits of the coefficients (docs/accuracy.md). The
-/// covariance, from its R factor, which is not refined, then has at least six.
+/// Condition number below which refined QR has all digits of the coefficients (docs/accuracy.md).
+/// The covariance, from its R factor, which is not refined, then has at least six.
 const AS_GOOD_AS_EXACT: f64 = 1e10;
 
-/// Fits the chosen model, and finds its errors on the training and the test rows.
 pub(super) fn fit(input: FitInput<'_>, mut choice: ModelChoice) -> Result<Fit, FitError> {
     let FitInput { test, options, .. } = input;
     let train = choice.labelled.take().unwrap_or_else(|| input.used());
     let problem = PolynomialProblem {
         model: options.model_of(&train, choice.basis),
         solver: match options.solver {
-            // The exact solver takes neither weights nor memory terms. The latter are themselves rounded, so
-            // refinement gains nothing.
+            // The exact solver takes neither weights nor memory terms. The latter are themselves
+            // rounded, so refinement gains nothing.
             SolverKind::Exact if train.has_weights() => SolverKind::RefinedTsqr,
             SolverKind::Exact if train.memory_terms() > 0 => SolverKind::Tsqr,
             solver => solver,
@@ -119,11 +117,12 @@ pub(super) fn fit(input: FitInput<'_>, mut choice: ModelChoice) -> Result<Fit, F
     Ok(fitted.with_errors(train, test, [errors, of_tests], options))
 }
 
-/// Fits a calibration of `axes` to the sums of some rows, in total and by group. Sums allow neither the
-/// physics model nor a search for outliers.
+/// Fits a calibration of `axes` to the sums of some rows, in total and by group. Sums allow neither
+/// the physics model nor a search for outliers.
 ///
 /// # Errors
-/// [`FitError`] if the rows do not determine the coefficients, or an option needs groups and there are none.
+/// [`FitError`] if the rows do not determine the coefficients, or an option needs groups and there
+/// are none.
 pub fn fit_sums(
     total: &RowSums,
     groups: Option<(GroupKind, GroupedSums)>,
@@ -155,7 +154,6 @@ pub fn fit_sums(
     Ok(Fit { warnings, ..Fit::new(calibration, choice, how, rows, quality) })
 }
 
-/// Refuses a log with the same rows as an earlier one.
 fn check_copies(data: [&Dataset; 2], errors: [&RowErrors; 2]) -> Result<(), FitError> {
     let fingerprints = errors.map(|of| &of.fingerprints[..]).concat();
     let Some(positions) = Fingerprint::first_copy(&fingerprints) else { return Ok(()) };

@@ -1,9 +1,7 @@
-//! The solution of a polynomial, from rows or from their sums; and errors on held-out rows, by solutions
-//! without these rows.
-//!
-//! For the exact solver, exact sums give the fit without a group, if the readings can be summed exactly. For
-//! readings of any kind, R factors of the folds give it if the solver weights all rows equally; other solvers
-//! fit again for each fold. Up to forty groups are each held out alone, more groups in ten folds.
+//! Solutions of a polynomial, from rows or sums, and errors on held-out rows. For the exact solver,
+//! exact sums give the fit without a group; for other readings, R factors of the folds do if the
+//! solver weights all rows equally. Other solvers fit again for each fold. Up to forty groups are
+//! held out one by one, more in ten folds.
 
 use super::options::FitOptions;
 use crate::conversion::Calibration;
@@ -32,26 +30,24 @@ use std::sync::LazyLock;
 
 /// Maximum number of groups that are each held out alone.
 pub(super) const MOST_ALONE: usize = 40;
-/// Number of folds for more groups.
 pub(super) const FOLDS: usize = 10;
 
-/// Maximum number of values in the R factors of groups that are each held out alone: 200 MB, plus twice as
-/// much for the R factors of all other groups.
+/// Maximum number of values in the R factors of groups that are each held out alone: 200 MB, plus
+/// twice as much for the R factors of all other groups.
 const MOST_NUMBERS: usize = 25_000_000;
 
-/// Maximum number of rows on which families of features are compared, or the number per feature of the
-/// largest family if that gives more. Rows of a group resemble each other, so one in several is enough.
+/// Most rows on which families are compared, or most per feature of the largest family if that is
+/// more. Rows of a group resemble each other: one in several is enough.
 pub(super) const MOST_COMPARED: usize = 16_384;
 const ROWS_PER_FEATURE: usize = 64;
 
-/// Least squared errors, relative to the variances of the loads, that normal equations give with six digits:
-/// they are differences of sums as large as the loads.
+/// Least squared errors, relative to the variances of the loads, that normal equations give with
+/// six digits: they are differences of sums as large as the loads.
 const LEAST_SCORE: f64 = 1e-9;
 
 /// Number of folds of the random split that held-out errors are compared with, if no number is given.
 pub const RANDOM_FOLDS: usize = 10;
 
-/// Number of folds of the random split that are held out.
 const HELD_OUT: usize = 2;
 
 /// The random split into the given number of folds. Two of them are held out.
@@ -59,9 +55,9 @@ pub fn random_split(folds: usize, seed: u64) -> RandomSplit {
     RandomSplit { folds, held_out: folds.min(HELD_OUT), seed }
 }
 
-/// Chooses the family of features by folds of groups of labelled rows, and also the ridge if the options have
-/// none. Also returns the errors on each fold of groups, if no row was left out and they are far above
-/// rounding errors.
+/// Chooses the family of features by folds of groups of labelled rows, and also the ridge if the
+/// options have none. Also returns the errors on each fold of groups, if no row was left out and
+/// they are far above rounding errors.
 pub(super) fn select_by_normal_equations(
     data: &Dataset,
     options: &FitOptions<'_>,
@@ -79,8 +75,7 @@ pub(super) fn select_by_normal_equations(
     Ok((tried.selection, errors))
 }
 
-/// Every n-th row of each group, `most` rows at most, or more if there are many groups; groups are assigned
-/// to folds.
+/// Every n-th row of each group, about `most` rows; groups are assigned to folds.
 pub(super) fn few_by_fold(rows: &GroupedRows, most: usize) -> Result<GroupedRows, FitError> {
     let every = rows.row_count().div_ceil(most).max(1);
     let folds = rows.groups().count().min(selection::FOLDS);
@@ -108,13 +103,11 @@ pub(super) fn rows_in_one(data: &Dataset) -> Block {
     all
 }
 
-/// Errors on each fold of groups, by fits without it.
 pub(super) type HeldOutFolds = Vec<PerAxis<HeldOutErrors>>;
 
-/// The errors of a model on groups of labelled rows, with each fold held out in turn, and on rows held out at
-/// random. The latter are missing for rows with memory terms, which depend on the rows before. `known` has
-/// the errors of the model on [`selection::FOLDS`] folds, or on each group of fewer, if the choice of the
-/// model has found them.
+/// Errors on groups of labelled rows, with each fold held out in turn, and on random rows, unless
+/// memory terms tie rows together. `known` has the errors on [`selection::FOLDS`] folds, or on each
+/// group of fewer, if the choice of the model has found them.
 pub(super) fn cross_validate(
     data: &Dataset,
     held_out: HeldOut,
@@ -155,8 +148,7 @@ pub(super) fn cross_validate(
     Ok(found.beside_random(with_rows, at_random.collect::<Result<_, _>>().ok()))
 }
 
-/// Sums labelled rows by group, or by sets of groups if there are too many groups and held-out errors are on
-/// folds of them.
+/// By set of groups if there are too many groups and folds of them are held out.
 pub(super) fn sum_groups_or_sets(
     rows: &Dataset,
     basis: Basis,
@@ -173,7 +165,7 @@ pub(super) fn sum_groups_or_sets(
     }
 }
 
-/// The exact sums of labelled rows by group or set of groups, as `apart` says, and of rows drawn at random.
+/// The exact sums of labelled rows by group or set, and of rows drawn at random.
 ///
 /// # Errors
 /// [`FitError`] if the rows cannot be summed exactly, or there are too many groups.
@@ -205,7 +197,6 @@ pub fn sum_groups(
     sums.finish(own)
 }
 
-/// A polynomial to fit, and its solver.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PolynomialProblem {
     pub(super) model: Model,
@@ -215,7 +206,6 @@ pub(super) struct PolynomialProblem {
     pub(super) truncate: Option<f64>,
 }
 
-/// A solution, and how it was found.
 #[derive(Clone)]
 pub(super) struct Solved {
     pub(super) solution: Solution,
@@ -227,8 +217,8 @@ pub(super) struct Solved {
     pub(super) sums: Option<ExactSums>,
 }
 
-/// Solves by the requested solver. `total` has the exact sums of the rows, if they already exist; `sample` is
-/// a sample of the rows, for solvers that need their sizes before the first pass.
+/// Solves by the requested solver. `total` has the exact sums of the rows, if they already exist;
+/// `sample` is a sample of the rows, for solvers that need their sizes before the first pass.
 pub(super) fn solve(
     problem: &PolynomialProblem,
     total: Option<&ExactSums>,
@@ -262,8 +252,7 @@ pub(super) fn solve(
     Ok(Solved { solution, ranges, solver, not_exact, sums: None })
 }
 
-/// Checks that coefficients and errors are small enough for a calibration's document, which contains products
-/// of two errors.
+/// Checks that the document of a calibration can hold coefficients and products of two errors.
 pub(super) fn check_sizes<'a>(
     calibration: &Calibration,
     errors: impl IntoIterator<Item = &'a PerAxis<AxisQuality>>,
@@ -278,9 +267,8 @@ pub(super) fn check_sizes<'a>(
 }
 
 impl PolynomialProblem {
-    /// The errors on each of the first `held_out` groups, by a fit to all other groups. The fit comes from R
-    /// factors of the groups if the solver weights all rows equally and the factors have enough digits, and
-    /// otherwise from the rows.
+    /// Errors on each of the first `held_out` groups, by a fit to all others: from R factors if the
+    /// solver weights all rows equally and they have enough digits, otherwise from the rows.
     fn errors_without_each(
         &self,
         groups: &GroupedRows,
@@ -327,7 +315,6 @@ impl PolynomialProblem {
     }
 }
 
-/// Sums of predicted minus measured, over the rows of a block.
 fn errors_on(calibration: &Calibration, block: &Block) -> PerAxis<HeldOutErrors> {
     let mut predicted = PerAxis::default();
     calibration.wrench(&block.readings, &mut predicted);

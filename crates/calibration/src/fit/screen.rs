@@ -1,5 +1,5 @@
-//! The screen of a fit: about twelve lines that say what the fit is worth. They are identical in the
-//! terminal, the report, the page and Python.
+//! Screen of a fit: about twelve lines that say what the fit is worth, identical in the terminal,
+//! the report, the page and Python.
 
 use super::examination::FaultPlace;
 use super::outcome::Outcome;
@@ -9,10 +9,8 @@ use shell_data::dataset::Dataset;
 use shell_data::wrench::Axis;
 use std::collections::HashSet;
 
-/// Maximum number of characters in a line.
 const WIDTH: usize = 100;
 
-/// Width of the label of a line, in characters.
 const LABEL: usize = 7;
 
 /// The summary of a fit that users see.

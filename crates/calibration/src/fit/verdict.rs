@@ -1,4 +1,4 @@
-//! The verdict on a fit: its error on unseen data, the interval of a frame, whether to use the fit, and what
+//! Verdict on a fit: its error on unseen data, the interval of a frame, whether to use it, and what
 //! to record next.
 
 use super::examination::{Examination, Fault, FaultPlace};
@@ -14,7 +14,7 @@ const USELESS: f64 = 0.5;
 /// Number of rows whose standard errors are averaged for the width of the interval.
 const ROWS_OF_INTERVAL: u64 = 1024;
 
-/// Minimum of 1 − leverage: a fit without a row of higher leverage says next to nothing about that row.
+/// Least 1 − leverage: a fit says next to nothing about a row beyond.
 const LEAST_LEFT: f64 = 0.1;
 
 /// The worth of a fit on unseen data.
@@ -27,7 +27,6 @@ pub struct Verdict<'a> {
     pub unseen: Option<UnseenErrors>,
     /// The interval that holds 95 % of single frames, or why it is not known.
     pub interval: Result<FrameInterval, String>,
-    /// Axes whose error is about as large as the loads.
     pub useless: Axes,
     gaps: Vec<Gap>,
 }
@@ -41,8 +40,8 @@ pub struct UnseenErrors {
     pub share_of_range: PerAxis<Option<f64>>,
     /// The rows with these errors.
     pub on: UnseenRows,
-    /// The factor by which errors may be larger in a new file, from the scatter between files; `None` if no
-    /// files were held out.
+    /// The factor by which errors may be larger in a new file, from the scatter between files;
+    /// `None` if no files were held out.
     pub spread: Option<PerAxis<f64>>,
 }
 
@@ -238,12 +237,10 @@ fn unseen_errors(fit: &Fit) -> Option<UnseenErrors> {
     Some(UnseenErrors { rms, share_of_range, on, spread })
 }
 
-/// The mean standard error of unseen rows that resemble the training rows, N and N·m; `None` if the fit has
-/// no rows, only their sums.
-///
-/// A training row of leverage h takes part in its own prediction, which has a variance of s²·(1 + h). Without
-/// the row, the variance is s²/(1 − h) (Cook and Weisberg, Residuals and Influence in Regression, 1982,
-/// §2.2.1).
+/// Mean standard error of unseen rows that resemble the training rows, N and N·m; `None` without
+/// rows. A training row of leverage h takes part in its own prediction, which has a variance of
+/// s²·(1 + h); without it the variance is s²/(1 − h) (Cook and Weisberg, Residuals and Influence in
+/// Regression, 1982, §2.2.1).
 fn mean_standard_errors(fit: &Fit, residual_sd: &PerAxis<f64>) -> Option<PerAxis<f64>> {
     let every = fit.used.rows().div_ceil(ROWS_OF_INTERVAL).max(1) as usize;
     let mut readings = vec![Vec::new(); fit.calibration.columns()];

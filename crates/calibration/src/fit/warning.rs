@@ -90,8 +90,8 @@ fn names(channels: &[usize]) -> String {
     names.join(", ")
 }
 
-/// The number of features is more than half the number of groups. Regardless of the rank, too little is then
-/// left of the groups to estimate errors from.
+/// The number of features is more than half the number of groups. Regardless of the rank, too
+/// little is then left of the groups to estimate errors from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FewGroups {
     /// Number of features of the model.

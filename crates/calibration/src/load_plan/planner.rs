@@ -1,5 +1,5 @@
-//! Choice of loads in the order of their information. It uses what is known about the sensors: that their
-//! responses are smooth, or the parameters of a physics model.
+//! Choice of loads in the order of their information, from what is known about the sensors: smooth
+//! responses, or a physics model.
 
 use sensor_physics::cholesky::{Cholesky, diagonal};
 use sensor_physics::response::{Answer, Parameters};
@@ -8,8 +8,8 @@ use shell_data::wrench::PerAxis;
 
 /// Number of terms: 1, w (6) and w·w (21).
 const TERMS: usize = 28;
-/// Prior variances of the terms of first and of second order, with loads in units of the largest of each
-/// axis, in variances of one pose. Tenfold values hardly change the order of loads.
+/// Prior variances of the terms of first and of second order, with loads in units of the largest of
+/// each axis, in variances of one pose. Tenfold values hardly change the order of loads.
 const FIRST_ORDER: f64 = 1e4;
 const SECOND_ORDER: f64 = 25.0;
 /// Level of an interval of one standard error, for normal errors.
@@ -25,8 +25,8 @@ fn variance<const N: usize>(c: &[[f64; N]; N], x: &[f64; N]) -> f64 {
     dot(&times(c, x), x).max(0.0)
 }
 
-/// Replaces the covariance `C` of `p` by the covariance after an observation of `xᵀp` with this variance:
-/// `C − Cx(Cx)ᵀ/(noise + xᵀCx)` (Golub & Van Loan, 4th ed., §2.1.4).
+/// Replaces the covariance `C` of `p` by the covariance after an observation of `xᵀp` with this
+/// variance: `C − Cx(Cx)ᵀ/(noise + xᵀCx)` (Golub & Van Loan, 4th ed., §2.1.4).
 pub(super) fn observe<const N: usize>(c: &mut [[f64; N]; N], x: &[f64; N], noise: f64) {
     let cx = times(c, x);
     let divisor = noise + dot(&cx, x).max(0.0);
@@ -40,13 +40,11 @@ fn dot<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
     a.iter().zip(b).fold(0.0, |sum, (a, b)| a.mul_add(*b, sum))
 }
 
-/// Knowledge before any reading: every response is approximated by a surface of second order in the wrench,
-/// with 28 terms: 1, w and w·w. Loads that determine these well determine other smooth responses, too. The
-/// prior makes terms of second order small compared with those of first order, so that terms of first order
-/// are determined first until there are more loads than terms.
+/// Knowledge before any reading: every response is a surface of second order in the wrench, with 28
+/// terms: 1, w and w·w. Loads that determine these well determine other smooth responses, too. By
+/// the prior, terms of first order are determined first until there are more loads than terms.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Surface {
-    /// Covariance of the terms after some loads with unknown readings.
     pub(super) covariance: Box<[[f64; TERMS]; TERMS]>,
     largest: PerAxis<f64>,
 }
@@ -104,12 +102,10 @@ impl Surface {
 #[derive(Clone, Debug, PartialEq)]
 pub struct SensorKnowledge {
     model: PhysicsModel,
-    /// Factors for the standard errors.
     inflation: PerAxis<f64>,
 }
 
 struct SensorAnswer {
-    /// Derivatives with respect to the parameters.
     gradient: Parameters,
     /// Derivatives with respect to the wrench, in the model's scales.
     slopes: PerAxis<f64>,
@@ -182,7 +178,6 @@ impl SensorKnowledge {
         sums.map(|sum| sum / range.len().max(1) as f64)
     }
 
-    /// Errors from the mean variances, N and N·m.
     fn errors(&self, range: &[Vec<SensorAnswer>]) -> PerAxis<f64> {
         let (variances, scale) = (self.mean_variances(range), &self.model.wrench_scale);
         std::array::from_fn(|axis| variances[axis].sqrt() * scale[axis] * self.inflation[axis])
@@ -197,8 +192,7 @@ const MOST_OF_RANGE: usize = 120;
 pub enum Order {
     /// The given order, which should be random.
     Random,
-    /// D-optimal on 1, w and w·w, by the gain of information without a model of the sensors: needs no
-    /// reading.
+    /// D-optimal on 1, w and w·w, by the gain of information without readings.
     DOptimal,
     /// By the gain of information with the current model, if there is one.
     Gain,
@@ -252,14 +246,14 @@ pub struct PlannedLoad {
 pub enum PredictedError {
     /// Root mean square error of a wrench, N and N·m.
     Wrench(PerAxis<f64>),
-    /// Error of the surface through the responses, in standard deviations of one pose, because nothing was
-    /// read yet.
+    /// Error of the surface through the responses, in standard deviations of one pose, because
+    /// nothing was read yet.
     Relative(f64),
 }
 
 impl PredictedError {
-    /// Returns true if every force is within `force_n`, and every moment within `moment_nm`, where these are
-    /// given; false without readings, because errors in N are then unknown.
+    /// Returns true if every force is within `force_n`, and every moment within `moment_nm`, where
+    /// these are given; false without readings, because errors in N are then unknown.
     pub fn is_within(&self, force_n: Option<f64>, moment_nm: Option<f64>) -> bool {
         let Self::Wrench(errors) = self else { return false };
         let within = |errors: &[f64], limit: Option<f64>| {
@@ -270,8 +264,8 @@ impl PredictedError {
 }
 
 impl<'a> Planner<'a> {
-    /// Creates a planner after `loads`: without a model of the sensors, or with a model that already includes
-    /// the loads that it was fitted to.
+    /// Creates a planner after `loads`: without a model of the sensors, or with a model that
+    /// already includes the loads that it was fitted to.
     pub fn new(
         sensors: Option<SensorKnowledge>,
         order: Order,
@@ -302,7 +296,6 @@ impl<'a> Planner<'a> {
         self.range.iter().map(|load| sensors.answers(load)).collect()
     }
 
-    /// Gain of information by a load, in nats.
     fn gain(&self, load: &PerAxis<f64>) -> f64 {
         match &self.knowledge {
             Knowledge::Surface(surface) => surface.gain(load),

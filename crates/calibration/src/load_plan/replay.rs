@@ -5,9 +5,9 @@
 //!                        └───────────────────────────────▲──────────────────────┘
 //! ```
 //!
-//! Every order begins with the same poses and ends with all of them. The error comes from the physics model,
-//! with its priors chosen anew each time. It is relative to the root mean square of the loads of each axis,
-//! averaged in squares over the axes and the poses.
+//! Every order begins with the same poses and ends with all of them. The error comes from the
+//! physics model, with its priors chosen anew each time. It is relative to the root mean square of
+//! the loads of each axis, averaged in squares over the axes and the poses.
 
 use std::collections::BTreeMap;
 use std::num::NonZeroU64;
@@ -20,8 +20,8 @@ use sensor_physics::{Choice, Inversion, Observation, PhysicsModel, wrench_scale}
 use shell_data::random::{Purpose, RandomStream};
 use shell_data::wrench::PerAxis;
 
-/// Number of poses per step: the model is refitted after every pose at first, and after `n/16` more poses
-/// from `n` poses on.
+/// Number of poses per step: the model is refitted after every pose at first, and after `n/16` more
+/// poses from `n` poses on.
 const STEP_SHARE: usize = 16;
 
 /// Options of a replay.
@@ -71,8 +71,8 @@ pub enum ReplayError {
 type ReplayPose<'a> = Vec<&'a Observation>;
 
 impl Replay {
-    /// Replays `observations` in every order, split by split on several threads; the result does not depend
-    /// on the number of threads.
+    /// Replays `observations` in every order, split by split on several threads; the result does
+    /// not depend on the number of threads.
     ///
     /// # Errors
     /// [`ReplayError`] if the poses outside the held-out set do not determine a model.

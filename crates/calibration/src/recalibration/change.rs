@@ -4,9 +4,9 @@
 //! s' = s + γ·(s − s₀) + ζ       F' = R·F       M' = R·M + o × F'
 //! ```
 //!
-//! Unprimed symbols are the readings and wrench of the original sensor; primed symbols belong to the changed
-//! sensor. Both changes are absorbed into the numbers of a calibration of any kind, so conversion is as fast
-//! as before.
+//! Unprimed symbols are the readings and wrench of the original sensor; primed symbols belong to
+//! the changed sensor. Both changes are absorbed into the numbers of a calibration of any kind, so
+//! conversion is as fast as before.
 
 use crate::conversion::{Calibration, Kind};
 use least_squares::model::Term;
@@ -45,8 +45,8 @@ impl ChannelChange {
 }
 
 impl Change {
-    /// Applies the change to a calibration. The result has no intervals, because they belong to the unchanged
-    /// sensor.
+    /// Applies the change to a calibration. The result has no intervals, because they belong to the
+    /// unchanged sensor.
     pub fn apply(&self, calibration: &Calibration) -> Calibration {
         let kind = match &calibration.kind {
             Kind::Polynomial(polynomial) => Kind::Polynomial(self.polynomial(polynomial)),
@@ -68,8 +68,8 @@ impl Change {
         changed
     }
 
-    /// Keeps scales, which are powers of two: coefficients absorb the gains. Memory terms, as differences of
-    /// readings, change with the gain alone.
+    /// Keeps scales, which are powers of two: coefficients absorb the gains. Memory terms, as
+    /// differences of readings, change with the gain alone.
     pub(super) fn polynomial(&self, polynomial: &Polynomial) -> Polynomial {
         let (model, mut scaling) = (polynomial.model(), polynomial.scaling().clone());
         let of_column = |column: usize| self.channels[column % model.channels];

@@ -1,14 +1,13 @@
 //! Recalibration of a sensor that was mounted again or has aged, from a few new loads.
 //!
-//! The calibration is a prior. Only the effects of mounting and age are fitted: a zero and a gain for each
-//! channel, a lever offset and a turn ([`Change`]). Each has a normal prior with mean zero. The widths of the
-//! four priors, down to no change at all, maximise the probability of the new observations with all changes
-//! integrated out (Laplace's approximation; MacKay, Neural Computation 4, 415, 1992). A sensor that still
-//! reads the same is therefore left unchanged.
+//! Only the effects of mounting and age are fitted: a zero and a gain for each channel, a lever
+//! offset and a turn ([`Change`]). Each has a normal prior with mean zero. The widths of the four
+//! priors, down to no change at all, maximise the probability of the new observations with all
+//! changes integrated out (Laplace's approximation; MacKay, Neural Computation 4, 415, 1992): a
+//! sensor that still reads the same is left unchanged.
 //!
-//! The comparison uses the predictions of the calibration. A polynomial predicts the wrench, with the errors
-//! on held-out loads. A physics model predicts the readings, which outnumber the axes, with the variances of
-//! the model.
+//! A polynomial predicts the wrench, with the errors on held-out loads. A physics model predicts
+//! the readings, which outnumber the axes, with the variances of the model.
 
 mod change;
 mod search;
@@ -48,31 +47,30 @@ impl ChangedQuantity {
     }
 }
 
-/// Differences larger than this many stated errors, after all changes, cannot come from changes of these
-/// kinds.
+/// Larger differences after all changes, in stated errors, cannot come from changes of these kinds.
 const CONTRADICTION: f64 = 2.0;
 
-/// Standard deviations of the widest priors: a zero as a share of the calibrated range of the channel, a
-/// relative gain, a lever in m, a turn in rad.
+/// Standard deviations of the widest priors: a zero as a share of the calibrated range of the
+/// channel, a relative gain, a lever in m, a turn in rad.
 const ZERO: f64 = 0.08;
 const GAIN: f64 = 0.16;
 const LEVER_M: f64 = 8e-3;
 const TURN_RAD: f64 = 0.12;
 
-/// A change of this many standard deviations does not come from mounting or age, but from a wrong load: 0.48
-/// rad, 32 mm, a gain of 64 %, a third of a channel's range. One in 16,000 sensors would change so much.
+/// A change of this many standard deviations does not come from mounting or age, but from a wrong
+/// load: 0.48 rad, 32 mm, a gain of 64 %, a third of a channel's range. One in 16,000 sensors would
+/// change so much.
 const IMPOSSIBLE: f64 = 4.0;
 
-/// Candidate shares of these widths. A handful of numbers determines their scatter to some 30 %, so halves
-/// suffice.
+/// Candidate shares of these widths: a handful of numbers determines their scatter to some 30 %.
 const SHARES: [f64; 6] = [0.0, 0.0625, 0.125, 0.25, 0.5, 1.0];
 
 /// Start of the search for shares, and number of passes through all four.
 const FIRST_SHARE: f64 = 0.25;
 const SWEEPS: usize = 4;
 
-/// A change is accepted if it makes the observations this much more probable. e⁶ is 400 to 1, because errors
-/// of a calibration at a few loads are not white noise.
+/// A change is accepted if it makes the observations this much more probable. e⁶ is 400 to 1,
+/// because errors of a calibration at a few loads are not white noise.
 const LEAST_LN_EVIDENCE: f64 = 6.0;
 
 /// A few loads on a calibrated sensor.
@@ -105,8 +103,7 @@ pub struct Recalibration {
     pub before: PerAxis<f64>,
     /// Root mean square errors of the new calibration.
     pub after: PerAxis<f64>,
-    /// Errors on groups of observations that were held out from the fit of the change; `None` for a single
-    /// group.
+    /// Errors on groups held out from the fit of the change; `None` for a single group.
     pub held_out: Option<PerAxis<HeldOutQuality>>,
 }
 
@@ -179,8 +176,8 @@ impl Calibration {
                 of.error_scale.iter().map(|scale| scale * scale).sum::<f64>() / 6.0
             }
         };
-        // Errors as large as those on held-out loads decide if anything has changed. The variances of the
-        // readings themselves decide what has changed, because a wrench hides some of it.
+        // Errors as large as those on held-out loads decide if anything has changed. The variances
+        // of the readings themselves decide what has changed, because a wrench hides some of it.
         let cautious = ChangeSearch::new(self, loads, held_out_variance);
         let found = cautious.find(true);
         let outcome = match found.ln_evidence > LEAST_LN_EVIDENCE {
@@ -242,7 +239,6 @@ impl Calibration {
     }
 }
 
-/// Predicted minus measured wrench of some observations.
 fn errors(calibration: &Calibration, some: &[&Observation]) -> Vec<PerAxis<f64>> {
     let column = |channel| some.iter().map(|o| o.readings[channel]).collect();
     let readings: Vec<Vec<f64>> = (0..calibration.channels()).map(column).collect();

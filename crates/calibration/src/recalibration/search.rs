@@ -1,8 +1,7 @@
-//! Search for the change of greatest posterior density, with the priors that make the observations most
-//! probable.
-//!
-//! Differences are nearly linear in the change, so their normal equations are set up at the last change that
-//! was found. Each trial of a prior, or of a held-out group, then solves only some twenty equations.
+//! Search for the change of greatest posterior density, with the priors that make the observations
+//! most probable. Differences are nearly linear in the change, so their normal equations are set up
+//! at the last change found; each trial of a prior, or of a held-out group, then solves only some
+//! twenty equations.
 
 use std::collections::BTreeMap;
 
@@ -19,14 +18,13 @@ use sensor_physics::response::Answer;
 use sensor_physics::{Observation, PhysicsModel, Sensor};
 use shell_data::wrench::PerAxis;
 
-/// Number of linearisations of the differences. They are nearly linear: the third one moves the result by a
-/// thousandth of a standard error.
+/// Linearisations: the third moves the result by a thousandth of a standard error.
 const ROUNDS: usize = 4;
 
-/// Step of central differences, in standard deviations of the widest priors and in reference errors.
+/// Step of central differences, in standard deviations of the widest priors and in reference
+/// errors.
 const STEP: f64 = 1e-3;
 
-/// One number of a change, with the standard deviation of its widest prior.
 #[derive(Clone, Copy, Debug)]
 struct Unknown {
     quantity: ChangedQuantity,
@@ -37,8 +35,8 @@ struct Unknown {
 /// Width of the prior of each quantity, as a share of the widest; 0 for no change.
 pub(super) type Shares = [f64; ChangedQuantity::ALL.len()];
 
-/// Sums over the differences `c + J·x` of some observations in their stated errors; `x` are the unknowns in
-/// standard deviations of their widest priors.
+/// Sums over the differences `c + J·x` of some observations in their stated errors; `x` are the
+/// unknowns in standard deviations of their widest priors.
 #[derive(Clone, Debug)]
 struct ChangeEquations {
     /// `JᵀJ`.
@@ -49,9 +47,7 @@ struct ChangeEquations {
     square: f64,
 }
 
-/// Posterior from some observations with some priors.
 struct Posterior {
-    /// Unknowns, and their standard errors.
     mean: Vec<f64>,
     errors: Vec<f64>,
     /// Least sum of squares of differences and unknowns in their stated errors.
@@ -64,12 +60,10 @@ pub(super) struct FoundChange {
     pub(super) shares: Shares,
     pub(super) change: Change,
     pub(super) standard_errors: Change,
-    /// Change found without each group of observations.
     pub(super) held_out: BTreeMap<u64, Change>,
     /// Log evidence: how much more probable the observations are than without a change.
     pub(super) ln_evidence: f64,
-    /// Root mean square of the differences before and after the change, in stated errors. The second one
-    /// includes the prior terms of the change.
+    /// Before and after the change, in stated errors; the second includes the prior terms.
     pub(super) disagreement: [f64; 2],
     /// Quantity that would have changed more than in any sensor.
     pub(super) impossible: Option<ChangedQuantity>,
@@ -78,10 +72,9 @@ pub(super) struct FoundChange {
 pub(super) struct ChangeSearch<'a> {
     calibration: &'a Calibration,
     loads: &'a NewLoads<'a>,
-    /// Reading that the gain of each channel does not change, and width of its calibrated range, counts.
+    /// Reading that a gain does not change, and width of the calibrated range, counts.
     channels: Vec<(f64, f64)>,
     unknowns: Vec<Unknown>,
-    /// Cholesky factor of the covariance of the differences of each observation.
     factors: Vec<Mat<f64>>,
 }
 
@@ -100,7 +93,7 @@ impl ChangeEquations {
         self.square += sign * other.square;
     }
 
-    /// Solves with priors of these standard deviations; `None` if the curvature is not positive definite.
+    /// `None` if the curvature is not positive definite.
     fn posterior(&self, sds: &[f64]) -> Option<Posterior> {
         let size = sds.len();
         // x = S·z with z of variance one.
@@ -123,7 +116,7 @@ impl ChangeEquations {
 }
 
 impl<'a> ChangeSearch<'a> {
-    /// Prepares a search that multiplies the variances of a physics model's readings by `variance_scale`.
+    /// Multiplies the variances of a physics model's readings by `variance_scale`.
     pub(super) fn new(
         calibration: &'a Calibration,
         loads: &'a NewLoads<'a>,
@@ -142,8 +135,8 @@ impl<'a> ChangeSearch<'a> {
         search
     }
 
-    /// Finds the change that the observations show, with the priors that make them most probable; no change
-    /// unless `is_changed`.
+    /// Finds the change that the observations show, with the priors that make them most probable;
+    /// no change unless `is_changed`.
     pub(super) fn find(&self, is_changed: bool) -> FoundChange {
         let mut at = vec![0.0; self.unknowns.len()];
         let mut shares = Shares::default();
@@ -196,7 +189,7 @@ impl<'a> ChangeSearch<'a> {
         let evidence = |shares: &Shares| {
             all.posterior(&self.sds(shares)).map_or(f64::NEG_INFINITY, |of| of.ln_evidence)
         };
-        // A quantity without unknowns has a share of zero, because no share would change the evidence.
+        // Without unknowns, no share would change the evidence.
         let is_unknown = |quantity| self.unknowns.iter().any(|of| of.quantity == quantity);
         let mut shares =
             ChangedQuantity::ALL.map(|of| if is_unknown(of) { FIRST_SHARE } else { 0.0 });
@@ -280,7 +273,6 @@ impl<'a> ChangeSearch<'a> {
         change
     }
 
-    /// Differences of each observation, in their stated errors.
     fn whitened(&self, at: &[f64]) -> Vec<Vec<f64>> {
         let all: Vec<&Observation> = self.loads.observations.iter().collect();
         let mut all = self.differences(&self.change(at), &all);
@@ -317,8 +309,7 @@ impl<'a> ChangeSearch<'a> {
         }
     }
 
-    /// Factor of the covariance of an observation's differences, from errors of the calibration and of the
-    /// reference.
+    /// From errors of the calibration and of the reference.
     fn factor_of_errors(&self, at: usize, variance_scale: f64) -> Mat<f64> {
         let observation = &self.loads.observations[at];
         let mut covariance = match &self.calibration.kind {
@@ -353,7 +344,6 @@ impl<'a> ChangeSearch<'a> {
     }
 }
 
-/// Lists all quantities of a sensor that may have changed and can be included in its calibration.
 fn unknowns(calibration: &Calibration, channels: &[(f64, f64)]) -> Vec<Unknown> {
     // A polynomial without a constant cannot represent a change of the zeros.
     let has_constant = calibration.polynomial().is_none_or(|of| of.model().intercept);
@@ -376,8 +366,7 @@ fn scaled(model: &PhysicsModel, wrench: &PerAxis<f64>) -> PerAxis<f64> {
     std::array::from_fn(|axis| wrench[axis] / model.wrench_scale[axis])
 }
 
-/// Covariance `V` of the readings under a wrench, in squared ranges: noise, uncertain parameters and shared
-/// factors.
+/// `V` of the readings, in squared ranges: noise, uncertain parameters and shared factors.
 fn covariance_of_readings(model: &PhysicsModel, wrench: &PerAxis<f64>) -> Mat<f64> {
     let x = scaled(model, wrench);
     let of = |sensor: &Sensor| {
@@ -391,8 +380,8 @@ fn covariance_of_readings(model: &PhysicsModel, wrench: &PerAxis<f64>) -> Mat<f6
     })
 }
 
-/// Reading that the gain of each channel does not change, and width of its range. This reading is the
-/// converter's zero, unless the channel is never near it.
+/// Reading that the gain of each channel does not change, and width of its range. This reading is
+/// the converter's zero, unless the channel is never near it.
 fn channels(calibration: &Calibration) -> Vec<(f64, f64)> {
     let has_constant = calibration.polynomial().is_none_or(|it| it.model().intercept);
     let of_range = |[min, max]: [f64; 2]| {

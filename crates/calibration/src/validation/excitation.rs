@@ -1,10 +1,9 @@
-//! Coverage of the six axes by the loads of a recording.
-//!
-//! A calibration knows nothing about loads that were never applied. Each axis and sign has a range, a root
-//! mean square, a share of the rows, and a share of the sum of squares, which distinguishes a real load from
-//! noise about zero. All axes together have a condition number, computed from the correlation matrix of the
-//! wrench about its mean; it is 1 if the axes move independently. Some correlation comes from the shell: a
-//! push from the side at some height is a force and a moment.
+//! Coverage of the six axes by the loads of a recording. A calibration knows nothing about loads
+//! that were never applied. Each axis and sign has a range, a root mean square, a share of the
+//! rows, and a share of the sum of squares, which distinguishes a real load from noise about zero.
+//! The condition number, from the correlation matrix of the wrench about its mean, is 1 if the axes
+//! move independently. Some correlation comes from the shell: a push from the side at some height
+//! is a force and a moment.
 
 use least_squares::block_ranges::range_of;
 use least_squares::reading_ranges::ReadingRange;
@@ -16,8 +15,7 @@ use shell_data::wrench::{Axes, Axis, PerAxis};
 /// Share of an axis's sum of squares below which a sign counts as hardly loaded.
 const SMALL_SHARE: f64 = 0.1;
 
-/// Longest plausible lever: a shell of 10 cm has levers of a few cm, and an arm of 1 m has less than this.
-/// Moments with a longer lever are in another unit.
+/// Longest plausible lever: an arm of 1 m has less. Moments with a longer one are in another unit.
 pub const LONGEST_LEVER_M: f64 = 2.0;
 
 /// Correlation from which two axes count as moving together.
@@ -185,7 +183,6 @@ impl WrenchSums {
 }
 
 vectorised! {
-    /// [`WrenchSums::new`] for at least one row.
     fn wrench_sums(wrench: &[Vec<f64>]) -> WrenchSums {
         let rows = wrench[0].len();
         let mut sums = WrenchSums { rows: rows as u64, ..WrenchSums::default() };
@@ -206,14 +203,11 @@ vectorised! {
     }
 }
 
-/// Number of interleaved sums.
 const LANES: usize = 8;
 
-/// Number of rows that are above zero after multiplication by `sign`, and their sum of squares; zeros are on
-/// neither side.
-///
-/// Each sum and each side has a loop, because the compiler generates branches instead of vectors if it sees
-/// that one condition follows from another.
+/// Rows above zero after multiplication by `sign`, and their sum of squares. Each sum and side has
+/// a loop: the compiler generates branches instead of vectors if one condition follows from
+/// another.
 #[inline(always)]
 fn sign(column: &[f64], sign: f64) -> (u64, f64) {
     let load = |x: f64| if sign * x > 0.0 { sign * x } else { 0.0 };
@@ -221,7 +215,6 @@ fn sign(column: &[f64], sign: f64) -> (u64, f64) {
     (rows as u64, lane_sum(column, column, |x, _| load(x) * load(x)))
 }
 
-/// Sum of `term` over the values of two columns.
 #[inline(always)]
 fn lane_sum(x: &[f64], y: &[f64], term: impl Fn(f64, f64) -> f64) -> f64 {
     let mut sums = [0.0; LANES];

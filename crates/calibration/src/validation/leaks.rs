@@ -1,11 +1,10 @@
 //! Check that test rows were not recorded at the poses of the training rows.
 //!
-//! A random split of the rows of one recording leaves rows of every pose on both sides, so the error on the
-//! test rows is a training error. Group labels that are assigned to rows at random have the same effect. A
-//! row counts as one of a pose if its load equals the load of training rows and every reading is near theirs:
-//! a pose that is set up again, with the same weights, has other readings. Loads are equal if they agree
-//! within the last digit of the coarser file. Rows may be in any order. The check is not conclusive if the
-//! reference flickers by more than its last digit.
+//! A random split of one recording, or random group labels, leaves rows of every pose on both
+//! sides, so the error on the test rows is a training error. A row counts as one of a pose if its
+//! load equals that of training rows, within the last digit of the coarser file, and every reading
+//! is near theirs: a pose that is set up again has other readings. Rows may be in any order. The
+//! check is not conclusive if the reference flickers by more than its last digit.
 
 use std::collections::HashMap;
 use std::iter::repeat_n;
@@ -15,7 +14,6 @@ use shell_data::dataset::Dataset;
 use shell_data::statistics::extremes;
 use shell_data::wrench::PerAxis;
 
-/// Most rows that are kept.
 const KEPT: usize = 4096;
 
 /// Number of rows that determine the number of digits of loads.
@@ -24,13 +22,13 @@ const DIGIT_ROWS: usize = 256;
 /// Digits beyond which doubles cannot be distinguished.
 const MOST_DIGITS: i32 = 12;
 
-/// Loads of one file are equal within this share of the range, because sums may be in another order.
+/// Sums may be in another order: loads of one file within this share of the range are equal.
 const SAME: f64 = 1e-9;
 
 /// Fewest rows of a load that determine its readings.
 const FEWEST_ROWS: usize = 4;
 
-/// Fewest loads that count as poses, and not as rest.
+/// Fewest loads that count as poses.
 const FEWEST_LOADS: usize = 3;
 
 /// Share of rows at poses of the training rows from which a test says nothing about new poses.
@@ -46,7 +44,6 @@ pub struct RowSample {
 struct SampledRow {
     load: PerAxis<f64>,
     readings: Vec<f64>,
-    /// Index of the row's group, if groups were requested.
     group: usize,
 }
 
@@ -55,7 +52,6 @@ struct SampledRow {
 struct LastDigit {
     /// Value of the last decimal place, as a power of ten.
     decimal: f64,
-    /// Number of significant digits.
     digits: i32,
 }
 
@@ -72,7 +68,6 @@ pub struct RecordedPoses {
 struct RecordedPose {
     load: PerAxis<f64>,
     readings: Vec<ReadingSpan>,
-    /// Indices of its rows in the sample.
     rows: Vec<usize>,
 }
 
@@ -87,7 +82,6 @@ impl RowSample {
         Self { rows: (0..block.rows).step_by(stride).map(row).collect() }
     }
 
-    /// Samples rows of a labelled data set, with their groups.
     fn from_groups(data: &Dataset) -> Self {
         let (stride, mut sample) = (Self::stride(data.rows()), Self::default());
         let mut groups = HashMap::new();
@@ -162,8 +156,8 @@ impl RowSample {
         Some(RecordedPoses { poses, sample: self, range })
     }
 
-    /// Divides rows where the load on an axis steps by more than `step`, in ascending order; drops parts of a
-    /// few rows.
+    /// Divides rows where the load on an axis steps by more than `step`, in ascending order; drops
+    /// parts of a few rows.
     fn divide(&self, mut rows: Vec<usize>, axis: usize, step: f64) -> Vec<Vec<usize>> {
         let load = |row: &usize| self.rows[*row].load[axis];
         rows.sort_unstable_by(|a, b| load(a).total_cmp(&load(b)));
@@ -245,7 +239,6 @@ impl RecordedPoses {
     }
 }
 
-/// Range of the readings of some rows on a channel.
 type ReadingSpan = [f64; 2];
 
 fn spans<'a>(rows: impl Iterator<Item = &'a SampledRow>) -> Vec<ReadingSpan> {
@@ -259,8 +252,7 @@ fn spans<'a>(rows: impl Iterator<Item = &'a SampledRow>) -> Vec<ReadingSpan> {
     spans
 }
 
-/// Returns true if every reading of a row is within its range, widened by the width of the range and by
-/// `slack`.
+/// Returns true if every reading is within its range, widened by the range's width and by `slack`.
 fn have(spans: &[ReadingSpan], row: &SampledRow, slack: f64) -> bool {
     spans.iter().zip(&row.readings).all(|(&[least, most], reading)| {
         let width = most - least + slack;
@@ -268,8 +260,8 @@ fn have(spans: &[ReadingSpan], row: &SampledRow, slack: f64) -> bool {
     })
 }
 
-/// Share of the rows of a labelled data set whose pose occurs in several groups; `None` if the data set does
-/// not consist of poses. Labels that were assigned at random give nearly 1.
+/// Share of the rows of a labelled data set whose pose occurs in several groups; `None` if the data
+/// set does not consist of poses. Labels that were assigned at random give nearly 1.
 pub fn share_in_several_groups(data: &Dataset) -> Option<f64> {
     Some(RowSample::from_groups(data).poses()?.share_in_several_groups())
 }
@@ -279,7 +271,8 @@ mod tests {
     use super::*;
     use system_tests::random::Random;
 
-    /// Rows of poses in a random order, each pose with its own load and readings; noise of one count.
+    /// Rows of poses in a random order, each pose with its own load and readings; noise of one
+    /// count.
     fn poses(seed: u64, poses: usize, rows: usize) -> Vec<(PerAxis<f64>, Vec<f64>, usize)> {
         let mut random = Random(seed);
         let mut all = Vec::new();
@@ -310,7 +303,6 @@ mod tests {
         sample
     }
 
-    /// Rounds to this many significant digits.
     fn significant(value: f64, digits: usize) -> f64 {
         format!("{value:.*e}", digits - 1).parse().unwrap()
     }

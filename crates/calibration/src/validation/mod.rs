@@ -1,8 +1,6 @@
-//! Trust in a calibration for data outside its training, beyond the [errors on held-out
-//! rows](cross_validation).
-//!
-//! [`plateaus`] finds groups in recordings without named groups, [`excitation`] measures how well the
-//! training loads cover the six axes, [`leaks`] finds rows on both sides of a split, and [`outliers`] finds
+//! Trust in a calibration outside its training data, beyond the [errors on held-out
+//! rows](cross_validation): [`plateaus`] finds groups in recordings, [`excitation`] measures the
+//! coverage of the six axes, [`leaks`] finds poses on both sides of a split, and [`outliers`] finds
 //! rows that stand out.
 
 pub mod excitation;

@@ -1,39 +1,40 @@
 //! Outliers: corrupt rows, found by their deleted residuals.
 //!
-//! A row is tested by a fit to the others. With the error `e` of an axis, its standard deviation `σ` over
-//! the rows of the fit and the leverage `h = ‖Fᵀx‖²` of the row's features,
+//! A row is tested by a fit to the others. With the error `e` of an axis, its standard deviation
+//! `σ` over the rows of the fit and the leverage `h = ‖Fᵀx‖²` of the row's features,
 //!
 //! ```text
 //! size = |e| / (σ·√(1 + h))      of a row that the fit has not seen
 //! size = |e| / (σ·√(1 − h))      of one that it has
 //! ```
 //!
-//! A row is an outlier if its size exceeds a limit on any axis (Cook and Weisberg, Residuals and Influence in
-//! Regression, 1982, §2.2), with two exceptions:
+//! A row is an outlier if its size exceeds a limit on any axis (Cook and Weisberg, Residuals and
+//! Influence in Regression, 1982, §2.2), with two exceptions:
 //!
-//! - Its neighbours have similar errors: motion that a model cannot follow comes and goes, but a slip lasts
-//!   one row or two.
-//! - The error is no larger than the change of both the prediction and the load from one row to the next:
-//!   sensor and reference are not sampled at the same time.
+//! - Its neighbours have similar errors: motion that a model cannot follow comes and goes, but a
+//!   slip lasts one row or two.
+//! - The error is no larger than the change of both the prediction and the load from one row to the
+//!   next: sensor and reference are not sampled at the same time.
 //!
-//! Two other rules find outliers that a fit follows or that lie far away:
+//! Three other rules find outliers that a fit follows, that lie far away, or that are small:
 //!
-//! - A reading is more than eight standard deviations from the mean and half that from both neighbours.
-//! - The size is above 3, a reading jumps by two standard deviations from both neighbours in the same direction,
-//!   and the leverage is more than half of the maximum and twenty times the average. A fit follows such rows
-//!   regardless of their values.
+//! - A reading is more than eight standard deviations from the mean and half that from both
+//!   neighbours.
+//! - The size is above 3, a reading jumps by two standard deviations from both neighbours in the
+//!   same direction, and the leverage is more than half of the maximum and twenty times the
+//!   average. A fit follows such rows regardless of their values.
+//! - The size is above 4, and a reading jumps from both neighbours by six standard deviations of
+//!   its channel's changes from row to row: fast motion may cause as large an error, but not such a
+//!   jump.
 //!
-//! Corrupt rows bend a fit towards themselves and hide each other. The search therefore begins with a fit
-//! without all rows that exceed a limit. Rows that turn out to be good go back, and the fit is repeated until
-//! it no longer changes.
+//! Corrupt rows bend a fit towards themselves and hide each other. The search therefore begins with
+//! a fit without all rows that exceed a limit. Rows that turn out to be good go back, and the fit
+//! is repeated until it no longer changes.
 //!
-//! A slip of one channel may cause no larger error than fast motion, but the channel changes unusually fast.
-//! A row with a size above 4 is therefore also an outlier if a reading jumps from both neighbours by six
-//! standard deviations of that channel's changes from row to row.
-//!
-//! The [limit](LIMIT) is 10 because a row moves the predictions of `n` others by no more than `size·σ/√n` on
-//! average. To move a root mean square error by a tenth, it needs a size of `0.46·√n`, which is above 10 from
-//! 470 rows on. If many errors are large, a search raises the limit far above all of them.
+//! The [limit](LIMIT) is 10 because a row moves the predictions of `n` others by no more than
+//! `size·σ/√n` on average. To move a root mean square error by a tenth, it needs a size of
+//! `0.46·√n`, which is above 10 from 470 rows on. If many errors are large, a search raises the
+//! limit far above all of them.
 
 use crate::conversion::Calibration;
 use crate::prediction::spread;
@@ -59,20 +60,20 @@ const FAR: f64 = 8.0;
 const LOOK_AT_ERROR: f64 = 3.6;
 const LOOK_AT_READING: f64 = 4.5;
 
-/// Limits for a row that dominates a fit: its leverage, its leverage in averages, its jump from both
-/// neighbours in standard deviations, and the size of its error.
+/// Limits for a row that dominates a fit: its leverage, its leverage in averages, its jump from
+/// both neighbours in standard deviations, and the size of its error.
 const TAKES_OVER: f64 = 0.5;
 const TAKES_OVER_IN_AVERAGES: f64 = 20.0;
 const JUMP: f64 = 2.0;
 const SIZE_WITH_JUMP: f64 = 3.0;
 
-/// Limits for a spike: its jump from both neighbours, in standard deviations of the changes of its channel,
-/// and the size of its error.
+/// Limits for a spike: its jump from both neighbours, in standard deviations of the changes of its
+/// channel, and the size of its error.
 const SPIKE: f64 = 6.0;
 const SIZE_WITH_SPIKE: f64 = 4.0;
 
-/// Distances, in rows before and after a slip of one row or two, at which its error has halved. Errors of
-/// fast motion grow and fade over some rows.
+/// Distances, in rows before and after a slip of one row or two, at which its error has halved.
+/// Errors of fast motion grow and fade over some rows.
 const BESIDE: [[usize; 2]; 3] = [[1, 1], [1, 2], [2, 1]];
 
 /// Errors below this share of the standard deviation of the load are rounding.
@@ -88,7 +89,6 @@ pub struct RowTest<'a> {
     factor: TriangularColumns,
     /// The standard deviation of the errors of each axis, N and N·m.
     pub noise: PerAxis<f64>,
-    /// Number of coefficients divided by the number of rows.
     average_leverage: f64,
 }
 
@@ -109,10 +109,10 @@ pub struct TestedRow {
     far: f64,
     /// True if that reading is also far from both neighbours.
     is_far_alone: bool,
-    /// True if a reading jumps from both neighbours, and the leverage is high enough to dominate the fit.
+    /// A reading jumps from both neighbours, and the leverage is high enough to dominate the fit.
     takes_over: bool,
-    /// True if a reading jumps from both neighbours by more than its channel changes, and the error is that
-    /// large.
+    /// True if a reading jumps from both neighbours by more than its channel changes, and the error
+    /// is that large.
     is_spike: bool,
 }
 
@@ -125,8 +125,8 @@ impl TestedRow {
             || (self.errs_alone && self.is_spike)
     }
 
-    /// Returns true if the row, tested by a fit to all rows, justifies a search. A spike or a far reading
-    /// with a small error does not: one in some hundred thousand good rows looks like that.
+    /// Returns true if the row, tested by a fit to all rows, justifies a search. A spike or a far
+    /// reading with a small error does not: one in some hundred thousand good rows looks like that.
     pub fn starts_search(&self) -> bool {
         (self.size > LIMIT && self.errs_alone) || self.takes_over
     }
@@ -138,8 +138,8 @@ impl TestedRow {
 }
 
 impl<'a> RowTest<'a> {
-    /// Creates a test from a solution and the spread of its rows. `None` if there are no more rows than
-    /// coefficients.
+    /// Creates a test from a solution and the spread of its rows. `None` if there are no more rows
+    /// than coefficients.
     pub fn new(solution: &Solution, spread: &'a Spread) -> Option<Self> {
         let features = Features::new(solution.model, solution.scaling.clone());
         let free = solution.rows.checked_sub(features.len() as u64).filter(|&free| free > 0)?;
@@ -159,24 +159,22 @@ impl<'a> RowTest<'a> {
         })
     }
 
-    /// Largest size of the errors of rows that are not [suspects](Self::suspects) of a fit with `noise`, if
-    /// both fits predict the same.
+    /// Largest size of the errors of rows that are not [suspects](Self::suspects) of a fit with
+    /// `noise`, if both fits predict the same.
     pub fn largest_unseen(&self, noise: &PerAxis<f64>) -> f64 {
         let sizes = noise.iter().zip(&self.noise).map(|(noise, own)| LOOK_AT_ERROR * noise / own);
         sizes.fold(0.0, f64::max)
     }
 
-    /// The rows of a block to test: those with a large error, a far reading, a jump or a spike.
-    ///
-    /// No public function here is generic: a generic function would be compiled with its callers, and
-    /// programs may be optimised for size.
+    /// The rows of a block to test: those with a large error, a far reading, a jump or a spike. No
+    /// public function here is generic: it would be compiled with its callers, perhaps for size.
     pub fn suspects(&self, block: &Block, predicted: &PerAxis<Vec<f64>>) -> Vec<usize> {
         let excess = row_excess(self, predicted, block);
         excess.iter().enumerate().filter(|(_, excess)| **excess > 1.0).map(|(row, _)| row).collect()
     }
 
-    /// Tests a few rows of a block, in ascending order, by a fit that `has_left_out` some of them. Predicts
-    /// only the wrench of these rows and their neighbours.
+    /// Tests a few rows of a block, in ascending order, by a fit that `has_left_out` some of them.
+    /// Predicts only the wrench of these rows and their neighbours.
     pub fn test(
         &self,
         block: &Block,
@@ -192,9 +190,9 @@ impl<'a> RowTest<'a> {
         let error = |axis: usize, at: usize| predicted[axis][at] - columns.wrench[axis][at];
         let test_row = |(&position, leverage): (&TestPosition, f64)| {
             let TestPosition { row, at, .. } = position;
-            // A fit follows a row of leverage one regardless of its values: its residual is rounding. The
-            // three values are the variance of the row's error, its leverage in a fit that includes it, and
-            // the factor from its error to the error of a fit without it.
+            // A fit follows a row of leverage one regardless of its values: its residual is
+            // rounding. The three values are the variance of the row's error, its leverage in a fit
+            // that includes it, and the factor from its error to the error of a fit without it.
             let (variance, in_fit, deleted) = match has_left_out(row) {
                 true => (1.0 + leverage, leverage / (1.0 + leverage), 1.0),
                 false => ((1.0 - leverage).max(1e-9), leverage, (1.0 - leverage).max(1e-9).recip()),
@@ -212,7 +210,7 @@ impl<'a> RowTest<'a> {
             let halves = |[before, after]: [usize; 2]| {
                 !errs_alike(position.before(before)) && !errs_alike(position.after(after))
             };
-            // If the load moves, a sensor that is sampled a little earlier errs by a part of the change.
+            // If the load moves, a sensor that is sampled earlier errs by a part of the change.
             let exceeds_change = deleted * own.abs()
                 > change(&predicted[axis], position).min(change(&columns.wrench[axis], position));
             let (far, is_far_alone) = distance(columns, self.spread, position);
@@ -257,9 +255,7 @@ vectorised! {
 #[derive(Clone, Copy, Debug)]
 struct TestPosition {
     row: usize,
-    /// Its index in the columns.
     at: usize,
-    /// The number of rows of the block.
     rows: usize,
 }
 
@@ -275,10 +271,9 @@ impl TestPosition {
     }
 }
 
-/// Copies of some rows of a block, in ascending order, with their neighbours, and the positions of the rows
-/// among the copies.
+/// Copies of some rows of a block, in ascending order, with their neighbours, and the positions of
+/// the rows among the copies.
 fn copy_rows(rows: &[usize], block: &Block) -> (Block, Vec<TestPosition>) {
-    /// The largest distance in [`BESIDE`].
     const REACH: usize = 2;
     let mut copies = Block::default();
     let mut copied = 0;
@@ -293,8 +288,7 @@ fn copy_rows(rows: &[usize], block: &Block) -> (Block, Vec<TestPosition>) {
 }
 
 vectorised! {
-    /// Largest ratio of each row's errors, distances of readings from their mean and jumps to the limits from
-    /// which a row is tested.
+    /// Largest ratio of errors, distances from the mean and jumps to the limits of a test.
     fn row_excess(test: &RowTest<'_>, predicted: &PerAxis<Vec<f64>>, block: &Block) -> Vec<f64> {
         let mut excess = vec![0.0; block.rows];
         for (axis, (predicted, measured)) in predicted.iter().zip(&block.wrench).enumerate() {
@@ -331,8 +325,8 @@ fn raise(excess: &mut f64, to: f64) {
     *excess = if to > *excess { to } else { *excess };
 }
 
-/// Largest distance of a reading of a row from its mean, in standard deviations. The second value is true if
-/// the reading is also half the limit away from both neighbours.
+/// Largest distance of a reading of a row from its mean, in standard deviations. The second value
+/// is true if the reading is also half the limit away from both neighbours.
 fn distance(columns: &Block, spread: &Spread, position: TestPosition) -> (f64, bool) {
     let far = |(channel, column): (usize, &Vec<f64>)| {
         (channel, spread.apart(channel, column[position.at], spread.means[channel]))
@@ -353,8 +347,8 @@ fn change(values: &[f64], position: TestPosition) -> f64 {
     beside.map(|at| (values[position.at] - values[at]).abs()).fold(0.0, f64::max)
 }
 
-/// Returns true if a reading of a row jumps from both neighbours by `limit` times the deviation of its
-/// channel.
+/// Returns true if a reading of a row jumps from both neighbours by `limit` times the deviation of
+/// its channel.
 fn jumps(columns: &Block, deviations: &[f64], limit: f64, position: TestPosition) -> bool {
     let [before, after] = [position.before(1), position.after(1)];
     let (Some(before), Some(after)) = (before.or(after), after.or(before)) else { return false };
@@ -418,8 +412,8 @@ impl Spread {
     }
 }
 
-/// Mean and variance of each column of a block: of readings and wrench, then of the changes of the readings
-/// from row to row. Uses only every `step`-th run of rows.
+/// Mean and variance of each column of a block: of readings and wrench, then of the changes of the
+/// readings from row to row. Uses only every `step`-th run of rows.
 fn sampled_spread(block: &Block, step: usize) -> Vec<RunningVariance> {
     /// Rows of a run, if `step` is more than one.
     const RUN: usize = 32;

@@ -1,17 +1,17 @@
-//! Groups of rows in a recording without named groups: plateaus of constant load, or stretches between jumps
-//! of its clock.
+//! Groups of rows in a recording without named groups: plateaus of constant load, or blocks between
+//! jumps of its clock.
 //!
-//! A row continues a plateau if every axis is within a [step](Steps) of the plateau's mean. Rows that leave
-//! it start another plateau as soon as [`FEWEST_ROWS`] of them agree. If the load returns before, they were
-//! strays and remain in the plateau. Rows between two plateaus belong to the first, and neighbouring plateaus
-//! are merged if their levels differ by less than [`SAME_LEVEL`] of the range of every axis. A clock that
-//! restarts ends a plateau, whatever the load.
+//! A row continues a plateau if every axis is within a [step](Steps) of the plateau's mean. Rows
+//! that leave it start another plateau as soon as [`FEWEST_ROWS`] of them agree; if the load
+//! returns before, they remain in the plateau. Rows between two plateaus belong to the first, and
+//! neighbouring plateaus are merged if they differ by less than [`SAME_LEVEL`] of the range of
+//! every axis. A clock that restarts ends a plateau.
 //!
-//! A plateau is steady if it has [`FEWEST_ROWS`] and a line through its rows rises by no more than half a
-//! step, or twice [`SAME_LEVEL`]. Motion also divides into plateaus, but these are not steady. A recording
-//! consists of plateaus if there are [`FEWEST_PLATEAUS`] steady ones, they hold [`STEADY_SHARE`] of the rows,
-//! and the variance within them is at most [`WITHIN_SHARE`] of the variance of the loads. Rows are processed
-//! one after another, in memory that grows with the plateaus alone.
+//! A plateau is steady if it has [`FEWEST_ROWS`] and a line through its rows rises by no more than
+//! half a step, or twice [`SAME_LEVEL`]: plateaus of motion are not. A recording consists of
+//! plateaus if there are [`FEWEST_PLATEAUS`] steady ones, they hold [`STEADY_SHARE`] of the rows,
+//! and the variance within them is at most [`WITHIN_SHARE`] of that of the loads. Rows are
+//! processed one after another, in memory that grows with the plateaus alone.
 
 use shell_data::statistics::{MergeWeights, extremes};
 
@@ -32,28 +32,25 @@ pub const WITHIN_SHARE: f64 = 0.05;
 /// Consecutive plateaus are merged if they differ by less than this share of the range on every axis.
 pub const SAME_LEVEL: f64 = 0.01;
 
-/// A step is the largest of: this many standard deviations of the noise, this many times the difference that
-/// 85 % of consecutive rows keep within, and half of [`SAME_LEVEL`]. A reference that flickers by its last
-/// digit therefore makes no steps.
+/// A step is the largest of: this many standard deviations of the noise, this many times the
+/// difference that 85 % of consecutive rows keep within, and half of [`SAME_LEVEL`]. A reference
+/// that flickers by its last digit therefore makes no steps.
 const STEP_IN_NOISE: f64 = 8.0;
 const STEP_IN_FLICKER: f64 = 4.0;
 const FLICKER_SHARE: f64 = 0.85;
 
-/// A clock jumps if it goes back by this many median intervals, or forward by this many and by at least a
-/// second.
+/// Median intervals by which a clock jumps back, or forward by at least a second too.
 const BACK_IN_INTERVALS: f64 = 10.0;
 const FORWARD_IN_INTERVALS: f64 = 100.0;
 const FORWARD_S: f64 = 1.0;
 
-/// A level of a slow motion is this many times shorter than levels that are held.
+/// Least ratio of the lengths of poses to those of plateaus in slow motion.
 const SHORT: u64 = 4;
 
 /// Limits for a step of the load and for a jump of the clock.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Steps<const N: usize> {
-    /// Smallest step of each column, N and N·m for a wrench.
     load: [f64; N],
-    /// Median interval between rows, in s.
     interval_s: f64,
 }
 
@@ -102,7 +99,7 @@ fn quantile(values: &mut [f64], share: f64) -> f64 {
     *values.select_nth_unstable_by(at, f64::total_cmp).1
 }
 
-/// The division of a recording into stretches of rows.
+/// The division of a recording into blocks of rows.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Stretches {
     /// Plateaus of constant load, as their numbers of rows.
@@ -122,10 +119,9 @@ pub struct Level<const N: usize> {
     pub rows: u64,
     /// The mean of each column.
     pub mean: [f64; N],
-    /// Sums of squared differences from the mean.
     squares: [f64; N],
-    /// Mean position of the rows, sum of their squared distances from it, and sums of the products of these
-    /// distances with the loads.
+    /// Mean position of the rows, sum of their squared distances from it, and sums of the products
+    /// of these distances with the loads.
     position: f64,
     place_squares: f64,
     products: [f64; N],
@@ -161,7 +157,6 @@ impl<const N: usize> Level<N> {
         self.rows += next.rows;
     }
 
-    /// Rise of a line through the rows from the first to the last.
     fn rise(&self, axis: usize) -> f64 {
         match self.place_squares > 0.0 {
             true => (self.products[axis] / self.place_squares * self.rows as f64).abs(),
@@ -179,7 +174,6 @@ pub struct PlateauFinder<const N: usize = 6> {
     levels: Vec<Level<N>>,
     /// Rows that have left the last level and agree so far.
     leaving: Option<Level<N>>,
-    /// First rows after jumps of the clock.
     jumps: Vec<u64>,
 }
 
@@ -240,7 +234,7 @@ impl<const N: usize> PlateauFinder<N> {
         self.levels.push(level);
     }
 
-    /// Divides the rows into stretches.
+    /// Divides the rows into blocks.
     pub fn finish(self) -> Stretches {
         if let Some(plateaus) = self.plateaus() {
             return Stretches::Plateaus(plateaus);
@@ -280,9 +274,8 @@ impl<const N: usize> PlateauFinder<N> {
         level.rows >= FEWEST_ROWS && (0..N).all(|axis| level.rise(axis) <= may_rise(axis))
     }
 
-    /// Steady levels that are long compared with the others: stretches in which the columns were held still.
-    /// Rows in transition from one to the next belong to none. Neighbours that are closer than the share
-    /// `same` of the range are merged.
+    /// Poses: steady levels that are long compared with the others. Rows in transition belong to
+    /// none. Merges neighbours that are closer than the share `same` of the range.
     pub fn holds(&self, same: f64) -> Vec<Level<N>> {
         let ranges = self.ranges();
         let mut holds = self.merged(&ranges, same);
@@ -336,12 +329,11 @@ mod tests {
 
     use super::*;
 
-    /// Uniform number from −1 to 1.
     fn uniform(random: &mut Random) -> f64 {
         2.0 * random.unit() - 1.0
     }
 
-    /// Loads of six axes, each held for the given number of rows, with this noise; 100 rows a second.
+    /// Six axes, each load held for the given number of rows; 100 rows a second.
     fn held(rows: &[usize], noise: f64) -> (Vec<f64>, Vec<Vec<f64>>) {
         let mut random = Random(7);
         let mut wrench = vec![Vec::new(); 6];

@@ -8,18 +8,15 @@ use super::{
 use trial::{ConditionRow, Per, Quantity, Statistics};
 
 const HEIGHT: f64 = 150.0;
-/// Distance between the tops of two panels, without the labels below the boxes.
 const PITCH: f64 = 185.0;
-/// Distance between lines of the key.
 const KEY_PITCH: f64 = 15.0;
 const FILL: Colour = Colour(0xd8e6f0);
-/// The maximum number of values of a condition that are drawn individually: quartiles of so few are not
-/// informative.
+/// Most values of a condition that are drawn as points: their quartiles say little.
 const MOST_POINTS: usize = 12;
 
-/// Draws a box for every condition, in the order of `rows`: quartiles and median, Tukey's whiskers, outliers
-/// as open circles, the mean as a diamond, up to twelve values as points. Left per trial, right per stride.
-/// Quantities without values are omitted.
+/// Draws a box for every condition, in the order of `rows`: quartiles and median, Tukey's whiskers,
+/// outliers as open circles, the mean as a diamond, up to twelve values as points. Left per trial,
+/// right per stride. Quantities without values are omitted.
 pub fn box_figure(size: Size, title: &str, rows: &[ConditionRow]) -> Figure {
     let of = |quantity: Quantity, per: Per| -> Vec<&ConditionRow> {
         rows.iter().filter(|row| row.quantity == quantity && row.per == per).collect()
@@ -57,7 +54,6 @@ pub fn box_figure(size: Size, title: &str, rows: &[ConditionRow]) -> Figure {
     canvas
 }
 
-/// Draws the key of the marks, in one line, or in two if it is too long.
 fn draw_key(canvas: &mut Figure, y: f64, size: Size) {
     let left = LEFT_MARGIN + 8.0;
     canvas.text((left, y), "box: quartiles and median; whiskers: Tukey's, 1.5 IQR;", Style::START);

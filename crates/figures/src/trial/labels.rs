@@ -1,29 +1,22 @@
-//! The labels below the panels of box plots: names side by side, in one line if they fit, otherwise broken at
-//! their separators, or upright.
+//! Labels below box plots: in one line if they fit, otherwise broken at their separators, or
+//! upright.
 
 use super::super::canvas::{Anchor, Figure, Rect, Size, Style};
 use super::super::lettering;
 use trial::ConditionRow;
 
-/// Distance between lines.
 const LINE: f64 = 12.0;
-/// Distance from the upper edge to the baseline of the first line.
 const ONE_LINE: f64 = 16.0;
-/// The maximum number of lines of a horizontal name.
 const MOST_LINES: usize = 4;
 /// The maximum length of upright names, some 35 letters: longer ones would dwarf the panels.
 const MOST_ROOM: f64 = 190.0;
-/// Distance between horizontal names.
 const GAP: f64 = 6.0;
 
-/// The common typesetting of a set of names.
 #[derive(Clone, Copy, Debug)]
 struct Names {
     style: Style,
-    /// The maximum number of lines, and their maximum length.
     lines: usize,
     room: f64,
-    /// Distance from the upper edge to the end of the longest name.
     height: f64,
 }
 
@@ -53,8 +46,8 @@ impl Names {
         !self.are_upright() && self.height <= ONE_LINE
     }
 
-    /// Draws a name below an edge. A name that is too long loses its middle, as names differ at their ends; a
-    /// tooltip shows the whole name.
+    /// Draws a name below an edge. A name that is too long loses its middle, as names differ at
+    /// their ends; a tooltip shows the whole name.
     fn draw(&self, canvas: &mut Figure, (x, edge): (f64, f64), name: &str) {
         let lines = self.shortened(name);
         let title = (lines != self.broken(name)).then_some(name);
@@ -125,8 +118,8 @@ fn parts(name: &str) -> Vec<&str> {
 
 const SMALL: Style = Style { size: 9.0, ..Style::LABEL };
 
-/// The labels below the boxes: the conditions, and the number of values of each. Upright conditions appear
-/// only below the last panel of a column, as the boxes of all its panels are aligned.
+/// The labels below the boxes: the conditions, and the number of values of each. Upright conditions
+/// appear only below the last panel of a column, as the boxes of all its panels are aligned.
 pub(super) struct BoxLabels<'a> {
     conditions: Vec<&'a str>,
     names: Names,
@@ -153,12 +146,10 @@ impl<'a> BoxLabels<'a> {
         Self { conditions, names, counts: counts(is_counted_once), is_counted_once }
     }
 
-    /// Distance from the edge of a panel to the end of its labels.
     pub(super) fn height(&self) -> f64 {
         self.to_counts() + self.counts.height
     }
 
-    /// Additional height of the labels below the last panel.
     pub(super) fn below_last(&self) -> f64 {
         if self.names.are_upright() { self.names.height } else { 0.0 }
     }
@@ -199,7 +190,6 @@ impl<'a> BoxLabels<'a> {
         area.width / self.conditions.len() as f64
     }
 
-    /// The centre of a condition's box.
     pub(super) fn middle(&self, area: Rect, condition: &str) -> f64 {
         let position = self.conditions.iter().position(|other| *other == condition);
         area.left + (position.unwrap_or(0) as f64 + 0.5) * self.box_pitch(area)

@@ -18,10 +18,8 @@ use trial::Trace;
 
 /// Width of a figure on a screen: a column of 88 mm at twice its size.
 const WIDTH: f64 = 680.0;
-/// Space above the first panel.
 const TOP: f64 = 58.0;
 
-/// The area of a panel as wide as the figure allows.
 fn wide_area(size: Size, top: f64, height: f64) -> Rect {
     axes::wide_area(size.width(WIDTH), top, height)
 }
@@ -35,7 +33,6 @@ type CurvePen = (Colour, Pen);
 
 const SOLID: CurvePen = (palette::series(0), Pen::Round(1.6));
 const DASHED: CurvePen = (palette::series(1), Pen::Dashed(1.6));
-/// Unsmoothed values, in the background.
 const PALE: [CurvePen; 2] =
     [(Colour(0x9cc6e3), Pen::Round(0.8)), (Colour(0xf3c29d), Pen::Round(0.8))];
 
@@ -72,7 +69,6 @@ pub fn stride_s(trace: &Trace) -> Option<f64> {
     upper_median(&mut lengths)
 }
 
-/// The range of all values, including zero.
 fn range_with_zero<'a>(lines: impl IntoIterator<Item = &'a TraceCurve>) -> ValueRange {
     let values = lines.into_iter().flat_map(|line| line.points().map(|(_, value)| value));
     ValueRange::over(values).including(0.0)
@@ -83,7 +79,7 @@ enum LegendKey<'a> {
     Area(&'a str, Colour),
 }
 
-/// The keys of a legend in rows between `left` and `right`, each with its start; in a single row on a screen.
+/// Keys in rows between `left` and `right`, each with its start; in a single row on a screen.
 fn legend_rows<'a>(
     size: Size,
     (left, right): (f64, f64),
@@ -107,7 +103,6 @@ fn legend_rows<'a>(
     rows
 }
 
-/// The top of a panel of the whole width, below a title and a legend of these keys.
 fn top_below<'a>(size: Size, keys: impl IntoIterator<Item = &'a LegendKey<'a>>) -> f64 {
     let area = wide_area(size, TOP, 0.0);
     let rows = legend_rows(size, (area.left, area.right()), keys).len();
@@ -127,7 +122,6 @@ fn draw_legend<'a>(
     }
 }
 
-/// Distance between rows of a legend.
 const LEGEND_PITCH: f64 = 15.0;
 
 impl LegendKey<'_> {
@@ -147,7 +141,6 @@ impl LegendKey<'_> {
     }
 }
 
-/// A figure with the reason for its lack of content.
 fn empty_figure(size: Size, title: &str, reason: &str) -> Figure {
     let mut canvas = titled(size, TOP + 60.0, title);
     canvas.text((16.0, TOP + 12.0), reason, Style::START);
@@ -180,8 +173,8 @@ mod tests {
         let means = smoothed(&t_s, &values, 1.05);
         assert!(means[..5].iter().chain(&means[95..]).all(|mean| mean.is_nan()));
         for (mean, value) in means[6..94].iter().zip(&values[6..94]) {
-            // The mean of a straight line is the line itself; running sums have a hundred values of at most
-            // 30.
+            // The mean of a straight line is the line itself; running sums have a hundred values of
+            // at most 30.
             assert!((mean - value).abs() < 1e-11);
         }
     }
@@ -280,8 +273,8 @@ mod tests {
         }
     }
 
-    /// Asserts the requirements of a paper's page: the width, letters of 5 to 7 pt, no text cut off at the
-    /// edges or over another.
+    /// Asserts the requirements of a paper's page: the width, letters of 5 to 7 pt, no text cut off
+    /// at the edges or over another.
     fn assert_printable(figure: &Figure, size: Size, width_mm: f64) {
         let svg = figure.svg();
         assert!(svg.contains(&format!("width=\"{width_mm}mm\"")), "{}", &svg[..200]);

@@ -1,5 +1,5 @@
-//! Figures over time: drag and lift; forces, leg angles and power over a common axis; a proposed window over
-//! the drag that it was found in, for review. The entry, the passage and the exit of the robot are shaded.
+//! Figures over time, with the robot's passage shaded: drag and lift; forces, leg angles and power;
+//! a proposed window over its drag.
 
 use std::f64::consts::TAU;
 use std::ops::Range;
@@ -14,8 +14,8 @@ use super::{
 
 const HEIGHT: f64 = 230.0;
 
-/// Draws drag (−Fx) and lift (Fz) in N against time in s, with the passage shaded: means over a stride, with
-/// all values pale in the background. Without strides only the values are drawn.
+/// Draws drag (−Fx) and lift (Fz) in N against time in s, with the passage shaded: means over a
+/// stride, with all values pale in the background. Without strides only the values are drawn.
 pub fn drag_lift_figure(size: Size, title: &str, trace: &Trace, passage: &Passage) -> Figure {
     let (Some(&low), Some(&high)) = (trace.t_s.first(), trace.t_s.last()) else {
         return empty_figure(size, title, "no rows");
@@ -63,7 +63,6 @@ pub fn drag_lift_figure(size: Size, title: &str, trace: &Trace, passage: &Passag
 
 const STACK_HEIGHT: f64 = 92.0;
 const GAP: f64 = 12.0;
-/// Space for a legend above a panel.
 const LEGEND: f64 = 20.0;
 
 struct StackRow {
@@ -72,8 +71,8 @@ struct StackRow {
     keys: Vec<LegendKey<'static>>,
 }
 
-/// Draws Fx, Fy, Fz in N, the angles of both legs in rad within a turn, and the electrical power of both
-/// motors in W, between two times in s, with the passage shaded. Missing columns of the trace are omitted.
+/// Draws Fx, Fy, Fz in N, the angles of both legs in rad within a turn, and the electrical power of
+/// both motors in W, between two times in s. Omits columns that the trace lacks.
 pub fn stack_figure(
     size: Size,
     title: &str,
@@ -126,7 +125,6 @@ impl StackRow {
     }
 }
 
-/// One panel for each force, for the legs and for the power, as far as the trace has them in these rows.
 fn stack_rows(trace: &Trace, rows: Range<usize>) -> Vec<StackRow> {
     let time_s = &trace.t_s[rows.clone()];
     let part = |column: &'_ Vec<f64>| -> Option<Vec<f64>> {
@@ -160,7 +158,7 @@ fn stack_rows(trace: &Trace, rows: Range<usize>) -> Vec<StackRow> {
     panels
 }
 
-/// Angles within a turn, with a separate line per turn, so that no line runs back from its end to its start.
+/// A separate line per turn, so that no line runs back.
 fn turns(time_s: &[f64], angle_rad: &[f64]) -> Vec<TraceCurve> {
     let turn = |angle: &f64| (angle / TAU).floor();
     let mut rest = time_s;
@@ -175,7 +173,6 @@ fn turns(time_s: &[f64], angle_rad: &[f64]) -> Vec<TraceCurve> {
 const THIN: CurvePen = (Colour(0x6b8fa8), Pen::Round(0.8));
 const MODEL: CurvePen = (Colour(0x000000), Pen::Round(2.0));
 
-/// Draws the drag in N over time in s, with the proposed window or the reason for its absence.
 pub fn window_figure(
     size: Size,
     title: &str,
@@ -227,23 +224,19 @@ pub fn window_figure(
     canvas
 }
 
-/// The passage through a channel, s on the log's clock.
-///
-/// The window goes from first contact, when the robot's front reaches the channel, to last contact, when its
-/// rear leaves it. In that time the front covers the length of channel plus robot; entry, and exit, each take
-/// the share of it that is the robot's length.
+/// Passage through a channel, s on the log's clock: from first contact, when the front reaches the
+/// channel, to last contact, when the rear leaves it. In that time the front covers the length of
+/// channel plus robot; entry, and exit, each take the robot's share of it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Passage {
-    /// Times at which the robot is partly within the channel, or, if its length is unknown, in it at all.
+    /// Times partly within the channel, or, if the robot's length is unknown, in it at all.
     pub partly_s: Vec<[f64; 2]>,
-    /// Time at which it is wholly within; `None` if its length is unknown, or longer than the channel.
+    /// `None` if the robot's length is unknown, or longer than the channel.
     pub wholly_s: Option<[f64; 2]>,
-    /// The legend's name for `partly_s`.
     partly_name: &'static str,
 }
 
 impl Passage {
-    /// The passage of a robot through a channel with these lengths, m.
     pub fn new([enter, exit]: [f64; 2], robot_m: Option<f64>, channel_m: f64) -> Self {
         let entering_s = robot_m.map(|robot_m| robot_m / (robot_m + channel_m) * (exit - enter));
         let wholly_s = entering_s.map(|entering_s| [enter + entering_s, exit - entering_s]);
@@ -255,7 +248,7 @@ impl Passage {
         Self { partly_s, wholly_s, partly_name }
     }
 
-    /// Fills the stretches, under everything else.
+    /// Fills the times, under everything else.
     pub(super) fn draw(&self, canvas: &mut Figure, panel: &Panel) {
         let partly = self.partly_s.iter().map(|stretch| (stretch, palette::PARTLY_INSIDE));
         let wholly = self.wholly_s.iter().map(|stretch| (stretch, palette::INSIDE));
@@ -271,7 +264,6 @@ impl Passage {
         }
     }
 
-    /// The legend keys of the shading between two times, s.
     pub(super) fn keys(&self, ValueRange { low, high }: ValueRange) -> Vec<LegendKey<'static>> {
         let is_seen = |stretch: &[f64; 2]| stretch[0] < high && stretch[1] > low;
         let partly = LegendKey::Area(self.partly_name, palette::PARTLY_INSIDE);

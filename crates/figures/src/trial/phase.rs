@@ -1,4 +1,4 @@
-//! Drag and lift against the phase of the leg, with the spread between strides.
+//! Drag and lift against the phase of the leg.
 
 use std::f64::consts::{PI, TAU};
 
@@ -13,8 +13,8 @@ const HEIGHT: f64 = 104.0;
 const PITCH: f64 = 134.0;
 const GAP: f64 = 12.0;
 
-/// Draws drag (left) and lift (right) in N over a turn of the right leg, one row per condition: mean and one
-/// standard deviation between strides. All panels have one scale.
+/// Draws drag (left) and lift (right) in N over a turn of the right leg, one row per condition:
+/// mean and one standard deviation between strides. All panels have one scale.
 pub fn phase_figure(size: Size, title: &str, conditions: &[(String, PhaseProfile)]) -> Figure {
     if conditions.is_empty() {
         return empty_figure(size, title, "no strides with forces");
@@ -82,7 +82,6 @@ fn draw_panel(
     panel.draw_stacked_frame(canvas, false);
 }
 
-/// Ticks at quarters of a turn.
 fn draw_turn(canvas: &mut Figure, panel: &Panel, labelled: bool) {
     let bottom = panel.area.bottom();
     for (quarter, label) in ["0", "π/2", "π", "3π/2", "2π"].into_iter().enumerate() {

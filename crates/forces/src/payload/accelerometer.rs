@@ -1,12 +1,12 @@
 //! Conversion of accelerometer readings to gravity in the sensor's frame.
 //!
-//! An accelerometer at rest reads −g, in its own frame and unit and with offsets. Poses with known gravity
-//! determine all of these: `a = A·g + b` is fitted by least squares, axis by axis, and inverted to
-//! `g = A⁻¹·(a − b)`. The fit is in this direction because the noise is in a. If only the accelerometer
-//! knows the orientation of the sensor, its frame follows from the forces: the rotation R that best satisfies
-//! `F ≈ m·R·u + F₀` for the directions `u = −a` (Wahba, SIAM Review 7, 409, 1965; solved by the singular
-//! value decomposition, Markley, J. Astronaut. Sci. 38, 245, 1988). The offsets are then indistinguishable
-//! from the sensor's zero, and remain in it.
+//! A still accelerometer reads −g, in its own frame and unit and with offsets. Poses with known
+//! gravity determine these: `a = A·g + b` is fitted by least squares, axis by axis (the noise is in
+//! a), and inverted to `g = A⁻¹·(a − b)`. If only the accelerometer knows the orientation, its
+//! frame follows from the forces: the rotation R that best satisfies `F ≈ m·R·u + F₀` for the
+//! directions `u = −a` (Wahba, SIAM Review 7, 409, 1965; solved by the singular value
+//! decomposition, Markley, J. Astronaut. Sci. 38, 245, 1988). The offsets are then
+//! indistinguishable from the sensor's zero, and remain in it.
 
 use faer::Mat;
 
@@ -20,21 +20,19 @@ use super::vector::{
 /// The minimum number of poses for the twelve parameters of an accelerometer.
 const LEAST_POSES: usize = 6;
 
-/// The orientation, scale and offsets of an accelerometer at the sensor.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Accelerometer {
     /// The matrix from logged accelerations to gravity in the sensor's frame, m/s².
     pub matrix: Matrix,
     /// Gravity at an accelerometer reading of zero, m/s².
     pub offset_m_s2: Vector,
-    /// RMS error of gravity from the accelerometer per axis, m/s²; zero if gravity is known from the
-    /// accelerometer alone.
+    /// Error of gravity per axis; zero if only the accelerometer knows gravity.
     pub residual_rms_m_s2: Vector,
 }
 
 impl Accelerometer {
-    /// Fits frame, scale and offsets to accelerations and the corresponding gravity, in m/s². Returns `None`
-    /// if there are too few poses, or gravity does not turn in all three dimensions.
+    /// Fits frame, scale and offsets to accelerations and the corresponding gravity, in m/s².
+    /// Returns `None` if there are too few poses, or gravity does not turn in all three dimensions.
     pub fn fit(accelerations: &[Vector], gravity: &[Vector]) -> Option<Self> {
         let count = accelerations.len();
         if count < LEAST_POSES || count != gravity.len() {
@@ -70,8 +68,8 @@ impl Accelerometer {
     }
 }
 
-/// The frame of an accelerometer from the forces on a sensor at rest, N, and the accelerations. `unit_m_s2`
-/// is the unit of the accelerations; it is negative if they point along gravity.
+/// The frame from the forces on a still sensor, N, and the accelerations in `unit_m_s2`, which is
+/// negative if they point along gravity.
 ///
 /// # Errors
 /// [`PayloadError`] if the sensor does not turn about two axes.

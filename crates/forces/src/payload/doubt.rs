@@ -1,4 +1,5 @@
-//! Detection of forces and moments that do not follow gravity, and of an exchange of axes that explains it.
+//! Detection of forces and moments that do not follow gravity, and of an exchange of axes that
+//! explains them.
 
 use super::PayloadPose;
 use super::fit::{PayloadFit, fit};
@@ -14,12 +15,9 @@ const CURED: f64 = 1.0 / 3.0;
 /// Residual moments matter from this lever arm of the weight on, m.
 const LEVER_M: f64 = 0.005;
 
-/// Residuals of forces or moments, RMS, N or N·m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LeftOver {
-    /// RMS about the fit.
     pub rms: f64,
-    /// RMS about the mean over the poses.
     pub scatter: f64,
 }
 
@@ -37,7 +35,6 @@ impl LeftOver {
         self.rms > DOUBTED * self.scatter
     }
 
-    /// Returns true if another interpretation of the columns should be tried.
     pub fn is_suspected(&self) -> bool {
         self.rms > SUSPECTED * self.scatter
     }
@@ -56,12 +53,12 @@ fn scatter(poses: &[PayloadPose], first: usize) -> f64 {
     (squares.map(|off| dot(off, off)).sum::<f64>() / (3 * poses.len()) as f64).sqrt()
 }
 
-/// A permutation of the moments with signs: for each axis the source axis, and true if its sign flips.
+/// A permutation of the moments with signs: for each axis the source axis, and true if its sign
+/// flips.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MomentExchange([(usize, bool); 3]);
 
 impl MomentExchange {
-    /// Applies the exchange to moments.
     fn of(&self, [x, y, z]: Vector) -> Vector {
         self.0.map(|(axis, is_negative)| {
             let value = [x, y, z][axis];
@@ -69,7 +66,6 @@ impl MomentExchange {
         })
     }
 
-    /// The number of axes that it changes.
     fn changes(&self) -> usize {
         (0..3).filter(|&axis| self.0[axis] != (axis, false)).count()
     }
@@ -108,7 +104,6 @@ impl std::fmt::Display for MomentExchange {
     }
 }
 
-/// A reason to doubt the centre of mass of a fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MomentDoubt {
     pub left: LeftOver,
@@ -116,8 +111,8 @@ pub struct MomentDoubt {
     pub cure: Option<(MomentExchange, f64)>,
 }
 
-/// Returns a doubt if most of the moments do not follow gravity, with the exchange of axes after which they
-/// do.
+/// Returns a doubt if most of the moments do not follow gravity, with the exchange of axes after
+/// which they do.
 pub fn moment_doubt(found: &PayloadFit, poses: &[PayloadPose]) -> Option<MomentDoubt> {
     let left = LeftOver::of_moments(found, poses);
     if !left.is_suspected() {

@@ -1,16 +1,15 @@
-//! Fits mass, centre of mass and zero of a sensor to poses at rest.
-//!
-//! Least squares with equal weights, in closed form. With `Δ` for the difference from the mean over the poses
-//! and `w = m·Δg`,
+//! Fits mass, centre of mass and zero of a sensor to still poses: least squares with equal weights,
+//! in closed form. With `Δ` for the difference from the mean over the poses and `w = m·Δg`,
 //!
 //! ```text
 //! m = Σ Δg·ΔF / Σ |Δg|²                         F₀ = F̄ − m·ḡ
 //! c = (Σ |w|²·I − w·wᵀ)⁻¹ Σ w × ΔT              T₀ = T̄ − c × m·ḡ
 //! ```
 //!
-//! Standard errors treat the residuals as independent between poses and axes, with one variance for all
-//! forces and one for all moments; those of c and T₀ include the error of m. c needs gravity to turn about
-//! two axes or more: if all directions lie on a single line, the component of c on that line has no lever.
+//! Standard errors treat the residuals as independent between poses and axes, with one variance for
+//! all forces and one for all moments; those of c and T₀ include the error of m. c needs gravity to
+//! turn about two axes or more: on a single line of directions, the component of c along it has no
+//! lever.
 
 use shell_data::hint::Hint;
 use shell_data::wrench::PerAxis;
@@ -18,8 +17,8 @@ use shell_data::wrench::PerAxis;
 use super::vector::{Vector, add, cross, dot, inverse, mean, norm, scaled, subtract, times};
 use super::{Payload, STANDARD_GRAVITY_M_S2};
 
-/// The minimum spread of the directions of gravity perpendicular to their main line, rad RMS. With less
-/// spread they do not determine the centre of mass.
+/// The minimum spread of the directions of gravity perpendicular to their main line, rad RMS. With
+/// less spread they do not determine the centre of mass.
 pub const LEAST_SPREAD: f64 = 1e-3;
 
 /// The minimum number of poses: each gives six equations, and residuals need some to spare.
@@ -29,20 +28,17 @@ const LEAST_POSES: usize = 4;
 pub enum PayloadError {
     #[error("`{0}` poses are too few to tell what the sensor carries, `{LEAST_POSES}` are needed")]
     TooFewPoses(usize),
-    /// Gravity has always pulled the same way, or its directions lie on a line. The fields hold the spread
-    /// and the undetermined parameters.
+    /// The directions of gravity are one or lie on a line; `lost` parameters are undetermined.
     #[error(
         "gravity turns by only `{spread_deg:.2}`° in all but one direction of the sensor's frame, which \
          gives {lost}"
     )]
     SameOrientation { spread_deg: f64, lost: &'static str },
-    /// A mass that is not significantly positive: the body falls upwards.
     #[error(
         "the mass is `{mass_kg:.4}` kg, standard error {standard_error_kg:.4}: the forces do not follow \
          gravity"
     )]
     NoMass { mass_kg: f64, standard_error_kg: f64 },
-    /// A value of a pose, counted from 1, is infinite or NaN.
     #[error("pose `{0}` has a value that is not finite")]
     NotFinite(usize),
 }
@@ -62,28 +58,25 @@ impl Hint for PayloadError {
     }
 }
 
-/// A sensor at rest in one orientation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PayloadPose {
-    /// The measured wrench, N and N·m.
     pub wrench: PerAxis<f64>,
     pub gravity_m_s2: Vector,
 }
 
-/// A fitted payload with its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct PayloadFit {
     #[serde(flatten)]
     pub payload: Payload,
     pub standard_errors: Payload,
     pub residual_rms_n: f64,
-    /// RMS residual of the moments, N·m.
     pub residual_rms_nm: f64,
     pub poses: usize,
     /// Mean magnitude of gravity over the poses, m/s²; the mass is a force divided by this.
     #[serde(default = "standard_gravity")]
     pub gravity_m_s2: f64,
-    /// RMS rotation of gravity, rad: about the axis of the largest rotation, and about all others together.
+    /// RMS rotation of gravity, rad: about the axis of the largest rotation, and about all others
+    /// together.
     pub spread_rad: [f64; 2],
 }
 
@@ -92,7 +85,7 @@ fn standard_gravity() -> f64 {
     STANDARD_GRAVITY_M_S2
 }
 
-/// Fits a payload to poses at rest.
+/// Fits a payload to still poses.
 ///
 /// # Errors
 /// [`PayloadError`].
@@ -178,8 +171,8 @@ pub fn fit(poses: &[PayloadPose]) -> Result<PayloadFit, PayloadError> {
     })
 }
 
-/// RMS difference of gravity from its mean, as a share of gravity: along the main line of these differences,
-/// and perpendicular to it.
+/// RMS difference of gravity from its mean, as a share of gravity: along the main line of these
+/// differences, and perpendicular to it.
 pub(super) fn spread(
     turns: impl Iterator<Item = Vector> + Clone,
     gravity: impl ExactSizeIterator<Item = Vector>,
@@ -204,7 +197,6 @@ pub(super) fn spread(
     [share(along), share(total - along)]
 }
 
-/// Checks that gravity turns about two axes or more.
 pub(super) fn check_spread([along, beside]: [f64; 2]) -> Result<(), PayloadError> {
     let spread_deg = beside.to_degrees();
     let lost = if along.is_nan() || along < LEAST_SPREAD {

@@ -1,20 +1,19 @@
-//! The payload of a sensor: loads that are not contact.
+//! Payload of a sensor: loads that are not contact.
 //!
-//! A tool, a shell or a hand behind the sensor has weight, and exerts inertial forces when it accelerates.
-//! With the apparent gravity `g` in the sensor's frame (gravity less acceleration, which is the negative of
-//! an accelerometer's reading),
+//! A tool, a shell or a hand behind the sensor has weight, and exerts inertial forces when it
+//! accelerates. With the apparent gravity `g` in the sensor's frame (gravity less acceleration,
+//! which is the negative of an accelerometer's reading),
 //!
 //! ```text
 //! F = m·g + F₀        T = c × m·g + T₀
 //! ```
 //!
-//! with mass m, centre of mass c and the sensor's own zero F₀, T₀. Poses at rest with known orientation
-//! determine all ten parameters by least squares ([`fit()`]), and also the frame, scale and offset of an
-//! accelerometer ([`Accelerometer`]). During a run the accelerometer then gives g at any time ([`Motion`]),
-//! the angular velocity gives the [contribution of turning](gravity_at_centre) at c, and the load is
-//! subtracted. Torque from angular acceleration (the tensor of inertia) is not modelled.
-//!
-//! This module is pure: it neither reads files nor prints.
+//! with mass m, centre of mass c and the sensor's own zero F₀, T₀. Still poses with known
+//! orientation determine all ten parameters ([`fit()`]), and the frame, scale and offset of an
+//! accelerometer ([`Accelerometer`]). During a run the accelerometer gives g at any time
+//! ([`Motion`]), the angular velocity gives the [contribution of turning](gravity_at_centre) at c,
+//! and the load is subtracted. Torque from angular acceleration (the tensor of inertia) is not
+//! modelled. The module neither reads files nor prints.
 
 mod accelerometer;
 mod doubt;
@@ -39,12 +38,9 @@ use vector::cross;
 /// Gravity by default, m/s² (the standard value of the third CGPM, 1901).
 pub const STANDARD_GRAVITY_M_S2: f64 = 9.806_65;
 
-/// A rigid body on a sensor, and the sensor's zero.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Payload {
-    /// Mass m, kg.
     pub mass_kg: f64,
-    /// Centre of mass c in the sensor's frame, m.
     pub centre_m: Vector,
     pub force_bias_n: Vector,
     /// T₀, N·m.
@@ -64,7 +60,6 @@ impl Payload {
         self.mass_kg * norm(self.centre_m)
     }
 
-    /// The sensor's zero, N and N·m.
     pub fn bias(&self) -> PerAxis<f64> {
         let ([x, y, z], [mx, my, mz]) = (self.force_bias_n, self.moment_bias_nm);
         [x, y, z, mx, my, mz]
@@ -76,19 +71,16 @@ impl Payload {
 pub enum Inertia {
     /// None: gravity is from orientations.
     Nothing,
-    /// The acceleration of the sensor, without the contribution of turning at the centre of the body.
+    /// Acceleration of the sensor, without the turning of the body's centre about it.
     WithoutTurning,
-    /// Both.
     Whole,
 }
 
-/// The payload of a sensor in a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CarriedLoad {
     pub payload: Payload,
     /// Apparent gravity at the body's centre over time, on the clock of the wrench.
     pub motion: Motion,
-    /// The inertial forces that are subtracted in addition to weight.
     pub inertia: Inertia,
     /// The factor on accelerations, if their unit differed from that of the poses.
     pub rescaled: Option<f64>,
@@ -107,8 +99,8 @@ impl CarriedLoad {
         (!times_s.is_empty()).then(|| sum.map(|sum| sum / times_s.len() as f64))
     }
 
-    /// Subtracts the load at each row's time, and `zero`, from its wrench. Returns the number of rows whose
-    /// load is not known.
+    /// Subtracts the load at each row's time, and `zero`, from its wrench. Returns the number of
+    /// rows whose load is not known.
     pub fn subtract(
         &self,
         times_s: &[f64],

@@ -11,11 +11,9 @@ const FAR: f64 = 10.0;
 pub struct Motion {
     times_s: Vec<f64>,
     gravity_m_s2: Vec<Vector>,
-    /// The usual interval, s.
     period_s: f64,
 }
 
-/// Samples that do not form a motion.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum MotionError {
     #[error("it has `{0}` samples of motion at different times, at least 2 are needed")]
@@ -51,18 +49,15 @@ impl Motion {
         Ok(motion)
     }
 
-    /// Shifts the times back by `lag_s`.
     pub fn earlier_by(mut self, lag_s: f64) -> Self {
         self.times_s.iter_mut().for_each(|time| *time -= lag_s);
         self
     }
 
-    /// The first and last time, s.
     pub fn span_s(&self) -> (f64, f64) {
         (self.times_s[0], self.times_s[self.times_s.len() - 1])
     }
 
-    /// Apparent gravity at a time, m/s².
     pub fn at(&self, time_s: f64) -> Vector {
         let after = self.times_s.partition_point(|&time| time <= time_s);
         if after == 0 {
@@ -85,10 +80,9 @@ impl Motion {
     }
 }
 
-/// The integral of a motion over time, from which means over any stretch follow.
+/// Integral of a motion, which gives means over any block of time.
 pub(super) struct Integral<'a> {
     motion: &'a Motion,
-    /// The integral from the first sample to each.
     sums: Vec<Vector>,
 }
 

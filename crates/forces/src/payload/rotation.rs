@@ -72,7 +72,6 @@ pub fn angular_velocity(times_s: &[f64], rotations: &[Matrix]) -> Vec<Vector> {
     found
 }
 
-/// The slope of vectors along ascending times.
 pub(super) fn slope(times_s: &[f64], vectors: &[Vector]) -> Vec<Vector> {
     let pairs = vectors.windows(2).zip(times_s.windows(2));
     let rate = |(of, times): (&[Vector], &[f64])| {
@@ -110,8 +109,8 @@ mod tests {
         }
     }
 
-    /// Expected: `scipy.spatial.transform.Rotation` of SciPy 1.17.1: `from_euler("ZYX", [0.3, -0.4, 0.5])`,
-    /// which is yaw, pitch and roll, with its `as_quat` and `as_rotvec`.
+    /// SciPy 1.17.1: `Rotation.from_euler("ZYX", [0.3, -0.4, 0.5])`, which is yaw, pitch and roll,
+    /// with its `as_quat` and `as_rotvec`.
     #[test]
     fn rotations_equal_scipy() {
         let expected = [

@@ -1,14 +1,12 @@
-//! The contribution of turning to the acceleration of a body whose centre is away from the sensor.
-//!
-//! An accelerometer at the sensor measures apparent gravity there. With the sensor's angular velocity ω and
-//! its slope α, the centre c of the body has the additional acceleration `α × c + ω × (ω × c)`, so apparent
-//! gravity at the body is smaller by that. Torque from the tensor of inertia is not modelled.
+//! Contribution of turning to the acceleration of a body whose centre is away from the sensor. With
+//! the sensor's angular velocity ω and its slope α, the centre c has the additional acceleration
+//! `α × c + ω × (ω × c)`; apparent gravity there is smaller by that.
 
 use super::rotation::slope;
 use super::vector::{Vector, add, cross, subtract};
 
-/// Apparent gravity at `centre_m` from that at the sensor, in its frame, m/s², and the angular velocity at
-/// ascending times, rad/s.
+/// Apparent gravity at `centre_m` from that at the sensor, in its frame, m/s², and the angular
+/// velocity at ascending times, rad/s.
 pub fn gravity_at_centre(
     times_s: &[f64],
     gravity_m_s2: &[Vector],

@@ -4,7 +4,6 @@ pub(super) use shell_data::wrench::cross;
 
 pub type Vector = [f64; 3];
 
-/// A matrix, row by row.
 pub type Matrix = [Vector; 3];
 
 pub(super) fn dot(a: Vector, b: Vector) -> f64 {

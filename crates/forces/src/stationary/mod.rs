@@ -1,17 +1,19 @@
-//! Stationary intervals: stretches in which the sensor is at rest and unloaded, so that its zero is visible.
+//! Stationary intervals: blocks of time in which the sensor is still and unloaded, so that its zero
+//! is visible.
 //!
-//! The first `STATIONARY_FRAMES` fresh frames of a log form one, by the same convention as the usual tare. A
-//! later stretch of at least as many frames, and at least half a second, is stationary if in every channel
+//! The first `STATIONARY_FRAMES` fresh frames of a log form one, as in the usual tare. A later
+//! block of at least as many frames, and half a second, is stationary if in every channel
 //!
-//! - its readings scatter about their mean by no more than `QUIET` times the scatter of the first interval,
+//! - its readings scatter about their mean by no more than `QUIET` times the scatter of the first
+//!   interval,
 //! - the means of its fifths differ by no more than `QUIET` times that scatter, and
-//! - its mean differs from the mean of the previous interval by no more than `SAME_ZERO` of the range of the
-//!   readings so far, or `QUIET` times that scatter if that is more.
+//! - its mean differs from the previous interval's by no more than `SAME_ZERO` of the range so far,
+//!   or `QUIET` times that scatter if that is more.
 //!
-//! So the zero may drift arbitrarily far, provided that it does so slowly or in small steps, and a held load
-//! is not stationary. A load that rises more slowly than twice the noise in half a second is taken for drift,
-//! and a load below a twentieth of the range so far is taken for none: the readings cannot distinguish these
-//! cases. Only the past is used, so the intervals are the same during recording and afterwards.
+//! So the zero may drift arbitrarily far if slowly or in small steps, and a pose is not stationary.
+//! Readings cannot distinguish a load that rises more slowly than twice the noise in half a second
+//! from drift, or a load below a twentieth of the range so far from none. Only the past is used:
+//! the intervals are the same during recording and afterwards.
 
 mod watch;
 
@@ -27,30 +29,28 @@ pub use watch::{FALSE_ALARMS, QuietLevel, ZeroChange, ZeroMove, ZeroWatch, large
 /// The minimum number of frames of a stationary interval, as in the usual tare.
 pub(crate) const STATIONARY_FRAMES: usize = DEFAULT_TARE_FRAMES;
 
-/// Number of parts of a stationary interval. Their scatter gives the standard error of its mean even if the
-/// noise of neighbouring frames is correlated.
+/// Number of parts of a stationary interval. Their scatter gives the standard error of its mean
+/// even if the noise of neighbouring frames is correlated.
 pub const PARTS: usize = 5;
 
-/// Limit on the noise of an interval relative to the first one, and limit, in units of that noise, on the
-/// shift of the zero between intervals.
+/// Limit on the noise of an interval relative to the first one, and limit, in units of that noise,
+/// on the shift of the zero between intervals.
 const QUIET: f64 = 2.0;
 
-/// Limit on the shift of the zero between intervals, as a share of the range so far: after loads the zero
-/// returns with hysteresis.
+/// Limit on the shift of the zero between intervals, as a share of the range so far: after loads
+/// the zero returns with hysteresis.
 const SAME_ZERO: f64 = 0.05;
 
 /// The minimum noise, as a share of the reading: half a step of a 12-bit converter at mid-range.
 const LEAST_NOISE: f64 = 2.5e-4;
 
-/// Minimum time from the first frame of a part to its last, s: ten frames at 100 Hz, with room for a slightly
-/// uneven clock.
+/// Minimum time from the first frame of a part to its last, s: ten frames at 100 Hz, with room for
+/// a slightly uneven clock.
 const PART_S: f64 = 0.085;
 
-/// A stretch in which the sensor is at rest and unloaded.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct StationaryInterval {
     pub times_s: Vec<f64>,
-    /// Readings, counts, one column per channel.
     pub readings: Vec<Vec<f64>>,
     /// Number of frames in each of its [`PARTS`].
     pub parts: Vec<usize>,
@@ -70,33 +70,28 @@ impl StationaryInterval {
     }
 }
 
-/// A part of a candidate interval.
 #[derive(Clone, Debug, PartialEq)]
 struct StationaryPart {
     frames: usize,
     levels: Vec<RunningVariance>,
 }
 
-/// Known properties of the readings of a channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct KnownZero {
-    /// Standard deviation at rest.
+    /// Standard deviation when still.
     noise: f64,
-    /// The mean in the last stationary interval.
     zero: f64,
     /// Extremes of the means of parts.
     low: f64,
     high: f64,
 }
 
-/// The search for stationary intervals in the part of a log read so far.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct StationaryFinder {
     /// The zero of each channel, once a stationary interval was found.
     known: Vec<KnownZero>,
     /// The newest complete parts, at most [`PARTS`].
     parts: VecDeque<StationaryPart>,
-    /// Number of frames in these parts.
     ended: usize,
     /// Times and readings of these frames and later ones, one column per channel.
     times_s: Vec<f64>,
@@ -105,8 +100,8 @@ pub struct StationaryFinder {
 }
 
 impl StationaryFinder {
-    /// Takes the next fresh frames: their times, s, and their readings, one column per channel. Stationary
-    /// intervals that end among them are passed to `found`, in order.
+    /// Takes the next fresh frames: their times, s, and their readings, one column per channel.
+    /// Stationary intervals that end among them are passed to `found`, in order.
     pub fn look_at(
         &mut self,
         times_s: &[f64],
@@ -202,7 +197,7 @@ impl StationaryFinder {
         })
     }
 
-    /// Returns true if a channel is at rest over the parts, whose combined readings are `whole`.
+    /// Returns true if a channel is still over the parts, whose combined readings are `whole`.
     fn is_at_rest(&self, channel: usize, whole: &RunningVariance) -> bool {
         let known = self.known[channel];
         let quiet = QUIET * known.noise.max(LEAST_NOISE * known.zero.abs());
@@ -218,14 +213,14 @@ impl StationaryFinder {
 mod tests {
     use super::*;
 
-    /// Noise without a pattern, of standard deviation 1.
     fn noise(i: usize) -> f64 {
         let hash = (i as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
         let hash = (hash ^ (hash >> 29)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
         ((hash >> 11) as f64 / (1_u64 << 53) as f64 - 0.5) * 12_f64.sqrt()
     }
 
-    /// The first and last times of the stationary intervals of one channel at 100 Hz, processed in pieces.
+    /// The first and last times of the stationary intervals of one channel at 100 Hz, processed in
+    /// pieces.
     fn rests(level: impl Fn(f64) -> f64, seconds: usize, piece: usize) -> Vec<(f64, f64)> {
         let times: Vec<f64> = (0..100 * seconds).map(|i| i as f64 / 100.0).collect();
         let readings: Vec<f64> =

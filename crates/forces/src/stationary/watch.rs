@@ -1,11 +1,12 @@
-//! A test for a change of the zero between the start and the end of a log.
+//! Test for a change of the zero between the start and the end of a log.
 //!
-//! The means of the first and the last stationary interval differ significantly if on any of k axes they
-//! differ by more than `t·√(e₁² + e₂²)`. Here e is the standard error of a mean from its [`PARTS`] parts, and
-//! t is Student's quantile with `2·(PARTS − 1)` degrees of freedom at a level of 1 − [`FALSE_ALARMS`]/k
-//! (Bonferroni). The change is reported if it also exceeds the noise of one frame. For a constant zero the
-//! false alarm rate is thus at most [`FALSE_ALARMS`] of logs, provided that the noise is uncorrelated over a
-//! fifth of an interval. An offset that a load leaves in the springs (play, creep) counts as a change.
+//! The means of the first and the last stationary interval differ significantly if on any of k axes
+//! they differ by more than `t·√(e₁² + e₂²)`. Here e is the standard error of a mean from its
+//! [`PARTS`] parts, and t is Student's quantile with `2·(PARTS − 1)` degrees of freedom at a level
+//! of 1 − [`FALSE_ALARMS`]/k (Bonferroni). A reported change also exceeds the noise of one frame.
+//! If the noise is uncorrelated over a fifth of an interval, at most [`FALSE_ALARMS`] of logs with
+//! a constant zero give an alarm. An offset that a load leaves in the springs (play, creep) counts
+//! as a change.
 
 use calibration::Calibration;
 use calibration::uncertainty::student_quantile;
@@ -17,7 +18,6 @@ use super::{PARTS, StationaryFinder, StationaryInterval};
 /// The maximum share of logs with a constant zero for which a change is reported.
 pub const FALSE_ALARMS: f64 = 0.01;
 
-/// The level of a quantity over a stationary interval, in the unit of that quantity.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct QuietLevel {
     pub mean: f64,
@@ -27,10 +27,8 @@ pub struct QuietLevel {
     pub standard_error: f64,
 }
 
-/// The change of a zero, in the unit of the quantity.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct ZeroChange {
-    /// The change from the first stationary interval to the last.
     pub change: f64,
     /// The change counts as significant above this limit.
     pub limit: f64,
@@ -38,13 +36,11 @@ pub struct ZeroChange {
     pub noise: f64,
 }
 
-/// The change of the zero between the start and the end of a log.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct ZeroMove {
     pub rests: u64,
     pub first_s: f64,
     pub last_s: f64,
-    /// The changes of the wrench, N and N·m.
     #[serde(serialize_with = "super::super::tare::by_column")]
     pub axes: AxisValues<ZeroChange>,
 }
@@ -77,7 +73,6 @@ impl QuietLevel {
 }
 
 impl ZeroChange {
-    /// The change from the first interval to the last, where one of `quantities` is tested.
     pub fn new(first: &QuietLevel, last: &QuietLevel, quantities: usize) -> Self {
         let level = 1.0 - FALSE_ALARMS / quantities.max(1) as f64;
         let t = student_quantile(level, 2.0 * (PARTS - 1) as f64);
@@ -86,7 +81,6 @@ impl ZeroChange {
         Self { change, limit: by_chance.max(noise), noise }
     }
 
-    /// Returns true if the change exceeds its limit.
     pub(crate) fn has_moved(&self) -> bool {
         self.change.abs() > self.limit
     }
@@ -102,7 +96,7 @@ pub fn largest_change<T: Copy>(
 }
 
 impl ZeroMove {
-    /// The axis with the largest change relative to its limit; `None` if no change exceeds its limit.
+    /// The largest change relative to its limit; `None` if none exceeds it.
     pub fn largest(&self) -> Option<(Axis, ZeroChange)> {
         largest_change(self.axes.iter().copied())
     }
@@ -120,7 +114,6 @@ impl ZeroMove {
     }
 }
 
-/// Tracks the stationary intervals of a log as it is read.
 #[derive(Clone, Debug, Default)]
 pub struct ZeroWatch {
     finder: StationaryFinder,

@@ -1,12 +1,11 @@
 //! Exact summation of rows.
 //!
-//! Rows are processed in blocks of [`ROWS`], as integers relative to a centre near the middle of each
-//! channel's range, which keeps them small. Each sum over a block is exact (see [`limbs`](super::limbs)) and
-//! is added to a pair of `f64`, one for multiples of 2²⁶ and one for the rest. The pairs stay exact for 2²⁶
-//! blocks. When a reading or wrench is outside the range that the plan of centre and limbs covers, the sums
-//! so far are moved into [`ExactSums`] and a new plan is made.
-//!
-//! An [`Adder`] shares what one worker learns about the rows among all of its accumulators.
+//! Rows are processed in blocks of [`ROWS`], as integers relative to a centre near the middle of
+//! each channel's range, which keeps them small. Each sum over a block is exact (see
+//! [`limbs`](super::limbs)) and is added to a pair of `f64`, one for multiples of 2²⁶ and one for
+//! the rest, which stays exact for 2²⁶ blocks. When a reading or wrench is outside the plan of
+//! centre and limbs, the sums so far are moved into [`ExactSums`] and a new plan is made. An
+//! [`Adder`] shares what it learns about the rows among its accumulators.
 
 use std::sync::Arc;
 
@@ -26,7 +25,6 @@ use shell_data::wrench::Axis;
 pub struct Accumulator {
     basis: Basis,
     layout: Arc<SumLayout>,
-    /// Sums of earlier plans, in their final form.
     closed: Option<ExactSums>,
     /// Units and ranges of the channels over all rows, including staged rows.
     channels: Vec<ChannelRange>,
@@ -39,13 +37,11 @@ pub struct Accumulator {
     pub(super) scratch: Scratch,
 }
 
-/// Ranges expected of coming rows, learned from earlier rows or from other sums. The plan of centre and limbs
-/// covers them. They affect how much work summation takes, not the sums.
+/// Ranges expected of coming rows, which the plan covers. They affect the work, not the sums.
 #[derive(Clone, Debug)]
 pub(super) struct ExpectedRows {
     channels: Vec<ChannelRange>,
     places: [BinaryPlaces; 6],
-    /// The latest plan that covers these ranges, in the units of the channels.
     pub(super) plan: Option<Arc<SummationPlan>>,
 }
 
@@ -55,7 +51,6 @@ impl ExpectedRows {
         self.channels.iter().all(|channel| channel.unit == ReadingUnit::COUNT)
     }
 
-    /// Widens the expected ranges by those of `other`.
     pub(super) fn learn(&mut self, other: &Self) {
         if self.in_counts() && other.in_counts() {
             self.channels.iter_mut().zip(&other.channels).for_each(|(own, other)| own.merge(other));
@@ -88,10 +83,10 @@ impl Accumulator {
         }
     }
 
-    /// Adds the rows of `other`. They must be different rows of the same channels and basis.
+    /// Adds the rows of `other`: different rows of the same channels and basis.
     ///
     /// # Errors
-    /// [`ExactError`] if the rows of both cannot be summed exactly; do not use the accumulator after that.
+    /// [`ExactError`] if the sums cannot be exact; do not use the accumulator after that.
     ///
     /// # Panics
     /// If basis or number of channels differ.
@@ -106,12 +101,11 @@ impl Accumulator {
         other.add_to(&mut self.closed)
     }
 
-    /// Adds rows: `readings` in counts, one column per channel; `wrench` in N and N·m, six columns. All
-    /// columns have the same length.
+    /// Adds rows: `readings` in counts, one column per channel; `wrench` in N and N·m, six columns.
     ///
     /// # Errors
-    /// [`ExactError`] if the rows cannot be summed exactly. Earlier rows may have been added by then; do not
-    /// use the accumulator after that.
+    /// [`ExactError`] if the sums cannot be exact, after some rows may have been added; do not use
+    /// the accumulator after that.
     ///
     /// # Panics
     /// If the numbers or lengths of columns are not as described.
@@ -194,7 +188,6 @@ impl Accumulator {
         Ok(())
     }
 
-    /// Sums the rows that wait for a full block.
     pub(crate) fn sum_staged(&mut self) -> Result<(), ExactError> {
         if self.staged == 0 {
             return Ok(());
@@ -230,7 +223,7 @@ impl Accumulator {
         sum_block(&self.layout, open, self.staged, readings, wrench, &mut self.scratch)
     }
 
-    /// Closes the open sums and opens new ones whose plan covers all rows so far and the staged rows.
+    /// Closes the open sums and opens new ones whose plan covers all rows so far.
     fn reopen(&mut self) -> Result<(), ExactError> {
         self.close()?;
         for axis in Axis::ALL {
@@ -259,7 +252,7 @@ impl Accumulator {
         Ok(())
     }
 
-    /// Closes the open sums before the unit of a channel changes, because the plan is in those units.
+    /// Closes the open sums before the unit of a channel changes, on which the plan depends.
     fn discard_plan(&mut self) -> Result<(), ExactError> {
         self.expected.plan = None;
         self.close()
@@ -273,7 +266,6 @@ impl Accumulator {
     }
 }
 
-/// The largest distance between a reading and its centre.
 fn distance(channels: &[ChannelRange], centre: &[i64]) -> u32 {
     let of = |(channel, &centre): (&ChannelRange, &i64)| {
         (channel.highest.saturating_sub(centre)).max(centre.saturating_sub(channel.lowest))
@@ -282,11 +274,9 @@ fn distance(channels: &[ChannelRange], centre: &[i64]) -> u32 {
     u32::try_from(largest.max(0)).unwrap_or(u32::MAX)
 }
 
-/// Adds rows to [`Accumulator`]s of one basis.
-///
-/// A new plan closes the sums of the previous plan. To save that work, each accumulator starts with the
-/// latest plan and with the ranges that the others have learned. The results do not depend on it. All
-/// accumulators share one working memory.
+/// Adds rows to [`Accumulator`]s of one basis. Each starts with the latest plan and the ranges that
+/// the others have learned, since a new plan closes the sums of the previous one. They share one
+/// working memory. Results do not depend on this.
 #[derive(Clone, Debug)]
 pub struct Adder {
     /// A template accumulator without rows, with the ranges learned from all others.
@@ -305,13 +295,10 @@ impl Adder {
         self.empty.clone()
     }
 
-    /// Adds rows to `sums`, as [`Accumulator::absorb`] does.
+    /// Adds rows to `sums`, as [`Accumulator::absorb`] does, with the same panics.
     ///
     /// # Errors
     /// [`ExactError`] if the rows cannot be summed exactly.
-    ///
-    /// # Panics
-    /// If the numbers or lengths of columns differ from those that `absorb` requires.
     pub fn add<C: AsRef<[f64]>>(
         &mut self,
         sums: &mut Accumulator,

@@ -1,8 +1,6 @@
-//! Sums over one block of rows: from readings and wrench to the sums of all products.
-//!
-//! Most of the time goes into sums of products of columns. Each column holds [`ROWS`] numbers, and columns
-//! are contiguous. The terms are small integers, so a sum is exact in any order of lanes and rows as long as
-//! no partial sum exceeds 2⁵³. Callers choose their integers to ensure that (see `limbs`).
+//! Sums over one block of rows: from readings and wrench to the sums of all products. Columns hold
+//! [`ROWS`] small integers, so a sum of their products is exact in any order as long as no partial
+//! sum exceeds 2⁵³, which callers ensure (see `limbs`).
 
 use pulp::Simd;
 
@@ -32,11 +30,10 @@ impl Scratch {
 }
 
 vectorised! {
-    /// Adds the first `rows` rows of a block to open sums. Returns false, and adds no rows, if the limbs do
-    /// not cover the wrench.
-    ///
-    /// `readings` are columns of [`ROWS`] integers, one per channel; beyond `rows` they hold the centre.
-    /// `axes` are columns of [`ROWS`] numbers, one per axis of the wrench; beyond `rows` they hold zeros.
+    /// Adds the first `rows` rows of a block to open sums; returns false, and adds none, if the
+    /// limbs do not cover the wrench. `readings` has a column of [`ROWS`] integers per channel,
+    /// with the centre beyond `rows`; `axes` has one of [`ROWS`] numbers per axis, with zeros
+    /// beyond.
     pub(crate) fn sum_block<S: Simd>(
         simd: S,
         layout: &SumLayout,
@@ -113,7 +110,7 @@ fn cut_rights(plan: &SummationPlan, features: &mut [f64]) {
     }
 }
 
-/// Cuts the features whose left operands differ from their right operands. On the right they are whole.
+/// Cuts features whose left operands differ from their right operand, which is whole.
 #[inline(always)]
 fn cut_lefts(plan: &SummationPlan, lefts: &[LimbColumn], features: &mut [f64]) {
     let (rights, mut columns) = features.split_at_mut(plan.rights.len() * ROWS);
@@ -125,8 +122,8 @@ fn cut_lefts(plan: &SummationPlan, lefts: &[LimbColumn], features: &mut [f64]) {
     }
 }
 
-/// Computes `out[l·n + r] = Σ left_l·right_r` over the rows of a block, for `n` columns on the right. Left
-/// columns are given by their index in `columns`. Advances `out` past the filled part.
+/// Computes `out[l·n + r] = Σ left_l·right_r` over the rows of a block, for `n` columns on the
+/// right. Left columns are given by their index in `columns`. Advances `out` past the filled part.
 #[inline(always)]
 pub(crate) fn products<S: Simd>(
     simd: S,
@@ -183,8 +180,7 @@ fn strip<S: Simd, const L: usize>(
     }
 }
 
-/// Computes at most 4 × 3 sums at once, as many as fit in the 16 registers of AVX2 together with their
-/// operands.
+/// Computes at most 4 × 3 sums: as many as fit with their operands in the 16 registers of AVX2.
 #[inline(always)]
 fn tile<S: Simd, const L: usize, const R: usize>(
     simd: S,

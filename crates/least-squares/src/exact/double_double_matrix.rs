@@ -1,10 +1,10 @@
-//! Symmetric matrices in double-double, and the solution of linear systems by iterative refinement.
+//! Symmetric matrices in double-double, and iterative refinement of linear systems.
 //!
-//! A Cholesky factor in `f64` leaves a relative error of about κ²·2⁻⁵³ in the solution (κ² is the condition
-//! number of the normal equations). Each correction from a double-double residual reduces the error by that
-//! factor again, down to the precision of the residual (Higham, Accuracy and Stability of Numerical
-//! Algorithms, 2nd ed., §12.1). For well-conditioned equations this takes a tenth of the time of a factor in
-//! double-double. The module provides that factor too, for all other equations.
+//! A Cholesky factor in `f64` leaves a relative error of about κ²·2⁻⁵³ (κ² is the condition number
+//! of the normal equations). Each correction from a double-double residual reduces it by that
+//! factor again (Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed., §12.1): for
+//! well-conditioned equations a tenth of the time of a factor in double-double, which is here for
+//! all others.
 
 use faer::linalg::triangular_solve::{
     solve_lower_triangular_in_place, solve_upper_triangular_in_place,
@@ -32,8 +32,8 @@ const DONE: f64 = 1.0 / (1u128 << 72) as f64;
 const MOST_ROUNDS: usize = 6;
 
 impl DoubleDoubleMatrix {
-    /// Builds the matrix from the upper triangle of integers, row by row. Each integer is divided by two to
-    /// the power of the exponent of its row plus that of its column.
+    /// Builds the matrix from the upper triangle of integers, row by row. Each integer is divided
+    /// by two to the power of the exponent of its row plus that of its column.
     pub(crate) fn new(upper: impl Iterator<Item = i128>, exponents: &[i32]) -> Self {
         let size = exponents.len();
         let mut scaled = vec![DoubleDouble::ZERO; size * (size + 1) / 2];
@@ -47,7 +47,6 @@ impl DoubleDoubleMatrix {
         Self { size, upper: scaled }
     }
 
-    /// Returns an element of the diagonal for modification.
     pub(crate) fn diagonal_mut(&mut self, i: usize) -> &mut DoubleDouble {
         &mut self.upper[i * (2 * self.size + 1 - i) / 2]
     }
@@ -126,10 +125,8 @@ vectorised! {
 /// Number of right-hand sides solved at once: six axes and two unused ones, to fill a vector.
 pub(crate) const LANES: usize = 8;
 
-/// One row of right-hand sides or solutions.
 pub(crate) type AxisRow = [DoubleDouble; LANES];
 
-/// Builds a row from a value for each of the six axes.
 pub(crate) fn axis_row(of: impl Fn(usize) -> DoubleDouble) -> AxisRow {
     std::array::from_fn(|axis| if axis < 6 { of(axis) } else { DoubleDouble::ZERO })
 }
@@ -168,11 +165,10 @@ impl ElementLanes {
     }
 }
 
-/// The upper triangle of a symmetric positive definite matrix, bordered by right-hand sides. [`factor`]
-/// replaces it with the Cholesky factor `R`, `A = RᵀR`, bordered by `R⁻ᵀB`.
+/// The upper triangle of a symmetric positive definite matrix, bordered by right-hand sides.
+/// [`factor`] replaces it with the Cholesky factor `R`, `A = RᵀR`, bordered by `R⁻ᵀB`.
 #[derive(Clone, Debug)]
 pub(crate) struct Bordered {
-    /// Order of the matrix.
     pub(crate) size: usize,
     width: usize,
     head: Vec<f64>,
@@ -180,7 +176,6 @@ pub(crate) struct Bordered {
 }
 
 impl Bordered {
-    /// A zero matrix of order `size` with `border` right-hand sides.
     pub(crate) fn zero(size: usize, border: usize) -> Self {
         let width = size + border;
         Self { size, width, head: vec![0.0; width * width], tail: vec![0.0; width * width] }
@@ -198,17 +193,14 @@ impl Bordered {
         (self.head[at], self.tail[at]) = (value.to_f64(), value.tail());
     }
 
-    /// The right-hand sides of a row, one per axis.
     pub(crate) fn border(&self, row: usize) -> AxisRow {
         axis_row(|axis| self.get(row, self.size + axis))
     }
 }
 
 vectorised! {
-    /// Factors the matrix in place. The corner of the border then holds `D − BᵀA⁻¹B`.
-    ///
-    /// # Errors
-    /// The column at which the matrix is found not to be positive definite.
+    /// Factors the matrix in place, and leaves `D − BᵀA⁻¹B` in the corner. The error is the column
+    /// at which it is not positive definite.
     pub(crate) fn factor(a: &mut Bordered) -> Result<(), usize> {
         let width = a.width;
         for k in 0..a.size {

@@ -1,15 +1,14 @@
 //! From exact sums to coefficients.
 //!
 //! 1. Rank, in integers (see [`rank`](super::rank)).
-//! 2. With an intercept, the origin of each channel is moved to its mean, rounded to an integer: an exact
-//!    change of basis that removes most of the collinearity of the powers.
-//! 3. Columns and axes are scaled by powers of two to norms near one, the sums are rounded to double-double,
-//!    and the normal equations are solved by Cholesky. The relative error is about κ(X)²·2⁻¹⁰⁴, with κ after
-//!    shift and scaling.
-//! 4. Where that may be too large, iterative refinement follows, with residuals in exact integers (Higham,
-//!    *Accuracy and Stability of Numerical Algorithms*, chapter 12). It converges as long as κ(X) < 10¹⁵.
-//!
-//! The module also derives means, ranges and variances directly from the sums.
+//! 2. With an intercept, the origin of each channel is moved to its mean, rounded to an integer: an
+//!    exact change of basis that removes most of the collinearity of the powers.
+//! 3. Columns and axes are scaled by powers of two to norms near one, the sums are rounded to
+//!    double-double, and the normal equations are solved by Cholesky, with a relative error of
+//!    about κ(X)²·2⁻¹⁰⁴ (κ after shift and scaling).
+//! 4. Where that may be too large, iterative refinement follows, with residuals in exact integers
+//!    (Higham, *Accuracy and Stability of Numerical Algorithms*, chapter 12). It converges as long
+//!    as κ(X) < 10¹⁵.
 
 use faer::Mat;
 use num_bigint::BigInt;
@@ -33,11 +32,10 @@ use crate::symmetric::UpperTriangle;
 use shell_data::wrench::{Axis, PerAxis};
 
 impl ExactSums {
-    /// Fits `model`: minimises the sum of squared residuals plus `ridge·(c·‖x‖)²` for each feature except the
-    /// intercept, with its coefficient `c` and column `x`.
-    ///
-    /// Without ridge, each coefficient is within a unit in the last place of the exact solution unless it is
-    /// some 10¹⁰ times smaller than the coefficients of the other standardised features.
+    /// Fits `model`: minimises the sum of squared residuals plus `ridge·(c·‖x‖)²` for each feature
+    /// except the intercept, with its coefficient `c` and column `x`. Without ridge, each
+    /// coefficient is within a unit in the last place, unless it is some 10¹⁰ times smaller than
+    /// those of the other standardised features.
     ///
     /// # Errors
     /// [`FitError`] if the rows do not determine the coefficients.
@@ -62,10 +60,7 @@ impl ExactSums {
         IntegerEquations::new(self, model, scales).solve(ridge, rank)
     }
 
-    /// Returns the terms of a model.
-    ///
-    /// # Errors
-    /// [`FitError`] if products of one of the terms were not summed.
+    /// Returns the terms of a model; an error if a product of them was not summed.
     pub(crate) fn summed_terms(&self, model: &Model) -> Result<Vec<Term>, FitError> {
         let terms = model.terms();
         let is_summed =
@@ -128,7 +123,6 @@ pub(crate) struct IntegerEquations<'a> {
     moments: &'a ExactSums,
     model: Model,
     scales: EquationScales,
-    /// Sums relative to the centre, in the order of the layout.
     readings: Vec<i128>,
     wrench: PerAxis<Vec<BigInt>>,
 }
@@ -191,7 +185,6 @@ impl<'a> IntegerEquations<'a> {
         self.readings[self.scales.positions[a * self.scales.terms.len() + b]]
     }
 
-    /// The sum of feature `a` times the wrench, as an integer and an exponent.
     fn right(&self, a: usize, axis: usize) -> (&BigInt, i32) {
         let position = self.moments.layout.position(self.scales.terms[a], Term::INTERCEPT);
         (&self.wrench[axis][position], self.moments.wrench[axis].exponent)
@@ -254,8 +247,8 @@ impl<'a> IntegerEquations<'a> {
         residual
     }
 
-    /// Returns for each axis the coefficients of the unscaled columns as integers, with the exponent of the
-    /// power of two that is their unit.
+    /// Returns for each axis the coefficients of the unscaled columns as integers, with the
+    /// exponent of the power of two that is their unit.
     fn integers(&self, coefficients: &[AxisRow]) -> ([i32; 6], PerAxis<Vec<BigInt>>) {
         let mut units = [0; 6];
         let integers = std::array::from_fn(|axis| {
@@ -340,8 +333,8 @@ impl<'a> IntegerEquations<'a> {
     }
 }
 
-/// The sum of products of the 64-bit halves of integers with the digits of long integers. The partial sums
-/// stay below 2⁹⁶, so no carry is needed.
+/// The sum of products of the 64-bit halves of integers with the digits of long integers. The
+/// partial sums stay below 2⁹⁶, so no carry is needed.
 fn product(values: &[i128], half: impl Fn(i128) -> i128, planes: &[Vec<i128>]) -> BigInt {
     let of_plane = |plane: &Vec<i128>| values.iter().zip(plane).map(|(&v, d)| half(v) * d).sum();
     let sums: Vec<i128> = planes.iter().map(of_plane).collect();
@@ -368,8 +361,8 @@ fn penalised_residuals(
         .collect()
 }
 
-/// The condition number of a factor with its columns scaled to norm one, rounded to six digits. Further
-/// digits depend on the vector width of the processor.
+/// The condition number of a factor with its columns scaled to norm one, rounded to six digits.
+/// Further digits depend on the vector width of the processor.
 fn condition(cholesky: &Bordered) -> f64 {
     let size = cholesky.size;
     let mut r = Mat::<f64>::zeros(size, size);

@@ -1,26 +1,24 @@
 //! Fits without some of the rows, and their errors on those rows, from sums alone.
 //!
-//! Let `A = XᵀX`, `B = XᵀW`, `D = WᵀW` be the sums over all rows, and `A_g`, `B_g`, `D_g` those over a part.
-//! The fit without the part solves `(A − A_g)·C = B − B_g`, and its squared errors on the part are
+//! Let `A = XᵀX`, `B = XᵀW`, `D = WᵀW` be the sums over all rows, and `A_g`, `B_g`, `D_g` those
+//! over a part. The fit without the part solves `(A − A_g)·C = B − B_g`, and its squared errors on
+//! the part are
 //!
 //! ```text
 //! diag(D_g − 2·CᵀB_g + CᵀA_g·C)
 //! ```
 //!
-//! so no row is read again. `A − A_g` is computed in integers, relative to the mean of all rows, so it equals
-//! the sum over the other rows exactly. The rest is in double-double. By Cauchy's inequality the terms of the
-//! last formula are at most `t = (√D_g + Σ_j |C_j|·√A_g[j][j])²`, and its rounding error is below `p·2⁻⁹⁸·t`
-//! for p features: cancellation would have to cost 20 digits before the tenth digit was wrong.
+//! so no row is read again. `A − A_g` is computed in integers, relative to the mean of all rows, so
+//! it equals the sum over the other rows exactly. The rest is in double-double. By Cauchy's
+//! inequality the terms of the last formula are at most `t = (√D_g + Σ_j |C_j|·√A_g[j][j])²`, and
+//! its rounding error is below `p·2⁻⁹⁸·t` for p features: cancellation would have to cost 20 digits
+//! before the tenth digit was wrong.
 //!
-//! [`PartSums`] holds the sums over a part in the units of the total. Fits without a part, and the scatter of
-//! coefficients between parts, are computed from it.
-//!
-//! For the [scatter](crate::sandwich) of coefficients over groups, `K_g` and `u_g` of a group come from its
-//! sums `A_g` and `s_g = B_g − A_g·C`. The scores `s_g` cancel and are computed in double-double; the rest is
-//! in `f64`, with a relative error of about κ(X)²·2⁻⁵³ in a variance.
-//!
-//! The prediction variance on other groups follows likewise: with `T·Tᵀ` the covariance of the coefficients
-//! of an axis, they contribute `tr(TᵀA_gT)/n` to the mean variance over the rows of a group.
+//! For the [scatter](crate::sandwich) of coefficients over groups, `K_g` and `u_g` of a group come
+//! from `A_g` and the scores `s_g = B_g − A_g·C`, which cancel and are in double-double; the rest
+//! is in `f64`, with a relative error of about κ(X)²·2⁻⁵³ in a variance. For the prediction
+//! variance on other groups, with `T·Tᵀ` the covariance of the coefficients of an axis, they
+//! contribute `tr(TᵀA_gT)/n` to the mean variance over the rows of a group.
 
 use super::double_double_matrix::{
     AxisRow, DoubleDoubleMatrix, ElementLanes, LANES, axis_row, residual_of,
@@ -66,8 +64,9 @@ impl<'a> PartitionedSums<'a> {
         self.scales.part(moments)
     }
 
-    /// Fits all rows except those of `moments`, whose converted sums are `part`, and returns the errors on
-    /// those rows. `ridge` is as in [`ExactSums::solve`], relative to the mean of all rows.
+    /// Fits all rows except those of `moments`, whose converted sums are `part`, and returns the
+    /// errors on those rows. `ridge` is as in [`ExactSums::solve`], relative to the mean of all
+    /// rows.
     ///
     /// # Errors
     /// [`FitError`] if the other rows do not determine the coefficients.
@@ -94,7 +93,6 @@ impl<'a> PartitionedSums<'a> {
     }
 }
 
-/// The amount that a ridge adds to the square of a column.
 pub(super) fn penalty_of(square: DoubleDouble, ridge: f64) -> DoubleDouble {
     // For a column of zeros, any penalty keeps its coefficient at zero.
     let square = if square == DoubleDouble::ZERO { DoubleDouble::ONE } else { square };
@@ -102,7 +100,6 @@ pub(super) fn penalty_of(square: DoubleDouble, ridge: f64) -> DoubleDouble {
 }
 
 vectorised! {
-    /// Computes the sums of errors and of squared errors, scaled.
     fn error_sums(
         columns: &[i32],
         part: &PartSums,
@@ -142,13 +139,11 @@ pub struct PartSums {
     pub(crate) gram: Vec<i128>,
     pub(crate) features: Vec<i128>,
     pub(crate) right: Vec<AxisRow>,
-    /// Sums of the wrench and of its squares.
     pub(crate) wrench: AxisRow,
     pub(crate) squares: AxisRow,
 }
 
-/// The origin, and the exponents of the powers of two that columns and axes are divided by. The exponent of
-/// an all-zero column or axis is zero.
+/// The origin, and exponents of two for columns and axes; zero for an all-zero one.
 #[derive(Clone, Debug)]
 pub(crate) struct EquationScales {
     pub(crate) terms: Vec<Term>,
@@ -161,8 +156,8 @@ pub(crate) struct EquationScales {
 }
 
 impl EquationScales {
-    /// Chooses the origin and the scales. With an intercept, the origin of each channel is its rounded mean.
-    /// The scales are powers of two just above the norms of columns and axes.
+    /// Chooses the origin and the scales. With an intercept, the origin of each channel is its
+    /// rounded mean. The scales are powers of two just above the norms of columns and axes.
     ///
     /// # Errors
     /// [`FitError`] if the features of `model` were not summed, or for zero rows.
@@ -242,7 +237,6 @@ impl EquationScales {
         gram.solve(&right)
     }
 
-    /// The errors on a part of a fit with these scaled coefficients.
     pub(super) fn errors(
         &self,
         part: &PartSums,
@@ -294,11 +288,11 @@ impl ExactFit {
         self.scales.errors(&self.scales.part(rows), &self.counted_coefficients())
     }
 
-    /// The scatter of the coefficients over `groups`, which together are all fitted rows, on request with its
-    /// degrees of freedom. Omits the bias from the ridge.
+    /// Scatter of the coefficients over `groups`, which together are all fitted rows, on request
+    /// with its degrees of freedom. Omits the bias from the ridge.
     ///
     /// # Errors
-    /// [`FitError`] if one group alone determines a coefficient, or all groups together do not determine it.
+    /// [`FitError`] if one group alone determines a coefficient, or all groups do not determine it.
     pub fn scatter<'a>(
         &self,
         groups: impl IntoIterator<Item = &'a (String, ExactSums)>,
@@ -332,8 +326,8 @@ impl ExactFit {
         sums.finish(&factor)
     }
 
-    /// The part of the prediction variance that comes from the coefficients with this `scatter`: the mean
-    /// over the rows of each group, in squares of N and N·m.
+    /// The part of the prediction variance that comes from the coefficients with this `scatter`:
+    /// the mean over the rows of each group, in squares of N and N·m.
     pub(crate) fn variances(
         &self,
         scatter: &GroupScatter,

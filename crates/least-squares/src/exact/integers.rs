@@ -5,8 +5,8 @@ use num_traits::{Float, ToPrimitive, Zero};
 
 use crate::double_double::DoubleDouble;
 
-/// Integers times a common power of two, in lowest terms: at least one is odd, or all are zero and the
-/// exponent is 0.
+/// Integers times a common power of two, in lowest terms: at least one is odd, or all are zero and
+/// the exponent is 0.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ScaledIntegers {
     pub(crate) exponent: i32,
@@ -66,8 +66,7 @@ impl ScaledIntegers {
 
 pub(crate) const DIGIT_BITS: u32 = 32;
 
-/// Splits integers into digits that carry the sign of their integer. Returns one vector per digit, lowest
-/// first, each with that digit of all integers.
+/// Splits integers into digits that carry the integer's sign: one vector per digit, lowest first.
 pub(crate) fn digit_planes(values: &[BigInt]) -> Vec<Vec<i128>> {
     let digits = |value: &BigInt| value.bits().div_ceil(DIGIT_BITS.into()) as usize;
     let count = values.iter().map(digits).max().unwrap_or(0);
@@ -129,8 +128,8 @@ pub(crate) fn power_of_two(exponent: i32) -> f64 {
 /// Rounds an integer below 2¹²⁶ to a double-double; exact up to 2¹⁰⁶.
 #[inline(always)]
 pub(crate) fn round(value: i128) -> DoubleDouble {
-    /// Bits per digit. These digits, and the highest with at most 47 bits, are exact in `f64`. A head and a
-    /// tail hold the sum of two neighbouring digits exactly.
+    /// Bits per digit. These digits, and the highest with at most 47 bits, are exact in `f64`. A
+    /// head and a tail hold the sum of two neighbouring digits exactly.
     const BITS: u32 = 40;
     const MASK: u64 = (1 << BITS) - 1;
     let low = (value as u64 & MASK) as i64;

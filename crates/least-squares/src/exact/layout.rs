@@ -1,17 +1,17 @@
 //! The distinct sums of products that a basis needs.
 //!
-//! The Gram matrix of products of readings contains many sums several times: `s1·(s2·s3)` and `s2·(s1·s3)`
-//! are the same monomial. Consider all products up to degree d of n readings. Sort the factors of a monomial
-//! `s_a·s_b·…` of degree up to 2d in ascending order, pad them in front with ones, and split them in the
-//! middle. This gives a left part whose last factor is some channel k and a right part whose first factor is
-//! k or later, and the split is unique. So the distinct sums are a few dense blocks of products
+//! The Gram matrix of products of readings contains many sums several times: `s1·(s2·s3)` and
+//! `s2·(s1·s3)` are the same monomial. Sort the factors of a monomial `s_a·s_b·…` of up to twice
+//! the largest degree d, pad them in front with ones to 2d factors, and split them in the middle:
+//! the left part ends with some channel k, the right part begins with k or later, and the split is
+//! unique. So the distinct sums are a few dense blocks of products
 //!
 //! ```text
 //! {features whose last factor is k} × {features of degree d whose first factor is k or later}
 //! ```
 //!
-//! and the sums of the features themselves: 3003 sums for eight channels and degree three, where one triangle
-//! of the Gram matrix has 13,695. The powers of the cubic basis split in a similar way.
+//! and the sums of the features: 3003 for eight channels and degree three, where one triangle of
+//! the Gram matrix has 13,695. The powers of the cubic basis split in a similar way.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -25,7 +25,6 @@ use crate::model::{Basis, Model, Term};
 /// The largest degree of a product of two features.
 const MAX_DEGREE: usize = 6;
 
-/// A product of up to six readings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct Monomial {
     /// Channels in ascending order, counted from 1, padded in front with zeros for the empty factor.
@@ -60,7 +59,6 @@ impl Monomial {
     }
 }
 
-/// One dense block of products of features.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ProductGroup {
     pub(crate) left: Vec<usize>,
@@ -76,8 +74,8 @@ pub(crate) struct ShiftStep {
     exponent: usize,
 }
 
-/// The order of the sums of monomials: one (the number of rows), the features, then the products of each
-/// group, left by left.
+/// The order of the sums of monomials: one (the number of rows), the features, then the products of
+/// each group, left by left.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct SumLayout {
     /// The features without the constant, in the order of the model.
@@ -87,7 +85,7 @@ pub(crate) struct SumLayout {
     pub(crate) groups: Vec<ProductGroup>,
     monomials: Vec<Monomial>,
     index: HashMap<Monomial, usize>,
-    /// For each channel, the steps for all sums, and the steps for the sums of one and the features only.
+    /// For each channel, the steps for all sums, and those for one and the features only.
     steps: Vec<(Vec<ShiftStep>, Vec<ShiftStep>)>,
 }
 
@@ -148,19 +146,17 @@ impl SumLayout {
         }
     }
 
-    /// Moves the origin of every channel by `by` in the sums of one axis of the wrench (or of one digit of
-    /// it) times one and times each feature.
+    /// Moves the origin of every channel by `by` in the sums of one axis of the wrench (or of one
+    /// digit of it) times one and times each feature.
     pub(crate) fn move_features(&self, sums: &mut [i128], by: &[i64]) {
         for ((_, steps), &by) in self.steps.iter().zip(by) {
             shift(sums, steps, by);
         }
     }
 
-    /// Moves the origin of every channel by `by`, below 2¹⁶, in sums of one and the features times some other
-    /// quantity.
-    ///
-    /// Each digit is moved alone. The move multiplies digits by less than `(1 + 2¹⁶)³`, so no carry is needed
-    /// on the way.
+    /// Moves the origin of every channel by `by`, below 2¹⁶, in sums of one and the features times
+    /// some other quantity. Each digit is moved alone, multiplied by less than `(1 + 2¹⁶)³`: no
+    /// carry is needed.
     pub(crate) fn moved_features(&self, sums: &[BigInt], by: &[i64]) -> DigitPlanes {
         let mut planes = digit_planes(sums);
         planes.iter_mut().for_each(|plane| self.move_features(plane, by));
@@ -187,9 +183,8 @@ fn steps(
     steps
 }
 
-/// Converts sums of products with powers of a reading `s` to sums with powers of `s − by`.
-///
-/// Uses repeated synthetic division: the n-th pass turns `sᵃ⁻ⁿ⁺¹·(s − by)ⁿ⁻¹` into `sᵃ⁻ⁿ·(s − by)ⁿ`, highest
+/// Converts sums of products with powers of a reading `s` to powers of `s − by`, by repeated
+/// synthetic division: the n-th pass turns `sᵃ⁻ⁿ⁺¹·(s − by)ⁿ⁻¹` into `sᵃ⁻ⁿ·(s − by)ⁿ`, highest
 /// powers first.
 fn shift(values: &mut [i128], steps: &[ShiftStep], by: i64) {
     let highest = if by == 0 { 0 } else { steps.first().map_or(0, |step| step.exponent) };
@@ -201,8 +196,7 @@ fn shift(values: &mut [i128], steps: &[ShiftStep], by: i64) {
     }
 }
 
-/// The blocks for powers up to the third of each channel: powers of one channel and products of powers of two
-/// channels.
+/// Blocks for powers up to the third: of one channel, and products of powers of two channels.
 fn powers(channels: usize) -> Vec<ProductGroup> {
     (0..channels)
         .flat_map(|i| {
@@ -215,9 +209,9 @@ fn powers(channels: usize) -> Vec<ProductGroup> {
         .collect()
 }
 
-/// The blocks for powers up to the third of each channel and products of two channels. They are the blocks of
-/// [`powers`] without the products of two channels, which are features here, and the products of those
-/// features with powers and with each other.
+/// The blocks for powers up to the third of each channel and products of two channels. They are the
+/// blocks of [`powers`] without the products of two channels, which are features here, and the
+/// products of those features with powers and with each other.
 fn powers_and_products(channels: usize) -> Vec<ProductGroup> {
     let n = channels;
     let power = |channel: usize, exponent: usize| 3 * channel + exponent - 1;
@@ -237,8 +231,8 @@ fn powers_and_products(channels: usize) -> Vec<ProductGroup> {
         add(vec![cube], first..cube + 1);
         add(vec![square, cube], cube + 1..3 * n);
         (i + 1..n).for_each(|j| add(vec![first], power(j, 2)..power(j, 3) + 1));
-        // First the pairs that begin with this channel, then later pairs, then pairs that begin with an
-        // earlier channel.
+        // First the pairs that begin with this channel, then later pairs, then pairs that begin
+        // with an earlier channel.
         add(vec![cube], pair(i, i + 1)..later_pairs.start);
         add(vec![first, square, cube], later_pairs.clone());
         for j in 0..i {
@@ -291,9 +285,9 @@ mod tests {
 
     #[test]
     fn eight_channels_need_as_many_sums_as_there_are_monomials() {
-        // There are C(8 + 2d, 8) monomials of degree up to 2d. Powers need 28 pairs × 9 + 8 × 6 + 1. Products
-        // add 56 of a fourth power and another channel, 56 of three channels, 168 × 2 with a square or cube,
-        // and 70 of four channels.
+        // There are C(8 + 2d, 8) monomials of degree up to 2d. Powers need 28 pairs × 9 + 8 ×
+        // 6 + 1. Products add 56 of a fourth power and another channel, 56 of three channels, 168 ×
+        // 2 with a square or cube, and 70 of four channels.
         let sums = Basis::ALL.map(|basis| SumLayout::new(basis, 8).sums());
         assert_eq!(sums, [45, 301, 495, 819, 3003]);
     }

@@ -1,24 +1,23 @@
 //! Numbers cut into small integers, so that sums of their products are exact.
 //!
-//! A number is a sum of limbs, `Σ limb_i·2^(unit + width·i)`, each an integer of at most `2^(width−1)` in
-//! magnitude. A sum of products of two integers over a block of rows is exact in `f64` if the magnitudes of
-//! its terms add up to at most 2⁵³:
+//! A number is a sum of limbs, `Σ limb_i·2^(unit + width·i)`, each an integer of at most
+//! `2^(width−1)` in magnitude. A sum of products of two integers over a block of rows is exact in
+//! `f64` if
 //!
 //! ```text
 //! 2^(width−1) · largest right operand · ROWS ≤ 2⁵³
 //! ```
 //!
-//! There are two ways to ensure that; the cheaper one is used. The first leaves the right operands whole and
-//! cuts the left operands into limbs narrow enough for them. The second cuts left operands, right operands
-//! and wrench into limbs of one width.
+//! The cheaper of two ways to ensure that is used: whole right operands and left operands in limbs
+//! that are narrow enough for them, or all operands and the wrench in limbs of one width.
 
 use num_traits::Float;
 
 use super::integers::power_of_two;
 use super::layout::SumLayout;
 
-/// Rows in a block: enough that adding up the lanes of a vector costs little compared with the products, and
-/// few enough that the 164 features of degree three fit in a cache of 512 kB.
+/// Rows in a block: enough that adding up the lanes of a vector costs little compared with the
+/// products, and few enough that the 164 features of degree three fit in a cache of 512 kB.
 pub(crate) const ROWS: usize = 256;
 
 /// Bits available to a product: those of an exact sum less those that a block of rows needs.
@@ -49,8 +48,8 @@ pub(crate) struct FeatureLimbs {
 }
 
 impl FeatureLimbs {
-    /// Chooses the cheapest way for distances up to `distance` and a wrench with these places. Adds room for
-    /// a quarter more where that costs nothing.
+    /// Chooses the cheapest way for distances up to `distance` and a wrench with these places. Adds
+    /// room for a quarter more where that costs nothing.
     pub(crate) fn new(distance: u32, layout: &SumLayout, wrench: &[BinaryPlaces]) -> Self {
         let cheapest = |distance: u32| {
             let distance = distance.clamp(1, MAX_DISTANCE);
@@ -66,7 +65,7 @@ impl FeatureLimbs {
         if roomy_cost == cost { roomy } else { exact }
     }
 
-    /// Leaves features of the highest degree whole on the right, with left limbs narrow enough for that.
+    /// Features of the highest degree stay whole on the right, with left limbs narrow enough.
     fn whole_on_the_right(largest: u32, degree: u32) -> Option<Self> {
         let right_bits = bits_of_power(largest, degree);
         let width = BITS.checked_sub(right_bits)? + 1;
@@ -78,7 +77,6 @@ impl FeatureLimbs {
         })
     }
 
-    /// Cuts all features and the wrench into limbs of the same width.
     fn even(largest: u32) -> Self {
         let cut = Cut::new(SQUARE_WIDTH, largest);
         Self { largest, left: cut, right: cut, right_bits: SQUARE_WIDTH - 1 }
@@ -91,16 +89,13 @@ impl FeatureLimbs {
             && (left.counts[degree] == 1 || left.width == right.width)
     }
 
-    /// The width of the wrench limbs that are multiplied with features: [`SQUARE_WIDTH`] if that is narrow
-    /// enough.
+    /// Width of the wrench limbs for products with features: [`SQUARE_WIDTH`] if narrow enough.
     pub(crate) fn cross_width(&self) -> u32 {
         (BITS - self.right_bits + 1).min(SQUARE_WIDTH)
     }
 
-    /// The cost of a row in units of one product: the products of features and wrench, and the cutting of the
-    /// wrench.
+    /// Cost of a row in products: of features and wrench, and the cutting of the wrench.
     fn cost(&self, layout: &SumLayout, wrench: &[BinaryPlaces]) -> usize {
-        /// The cost of one limb, in products.
         const CUT: usize = 5;
         let count = |cut: &Cut, f: usize| cut.counts[layout.features[f].factors().len()];
         let products = layout.groups.iter().map(|group| {
@@ -119,7 +114,6 @@ impl FeatureLimbs {
 }
 
 impl Cut {
-    /// Limbs of the given width for powers of integers up to `largest`.
     fn new(width: u32, largest: u32) -> Self {
         let limbs = |degree: u32| (bits_of_power(largest, degree) + 1).div_ceil(width) as usize;
         Self { width, counts: std::array::from_fn(|degree| limbs(degree as u32)) }
@@ -136,7 +130,6 @@ fn bits_of(value: u64) -> u32 {
     value.next_power_of_two().ilog2()
 }
 
-/// The range of binary places that a set of numbers occupies.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct BinaryPlaces {
     /// All numbers are multiples of `2^low`.
@@ -146,10 +139,8 @@ pub(crate) struct BinaryPlaces {
 }
 
 impl BinaryPlaces {
-    /// No places: all numbers are zero.
     pub(crate) const NONE: Self = Self { low: i32::MAX, high: i32::MIN };
 
-    /// The places of the finite numbers among `values`.
     pub(crate) fn new(values: &[f64]) -> Self {
         let mut places = Self::NONE;
         for &value in values.iter().filter(|&&v| v != 0.0 && v.is_finite()) {
@@ -161,17 +152,15 @@ impl BinaryPlaces {
         places
     }
 
-    /// The places of both sets.
     pub(crate) fn and(self, other: Self) -> Self {
         Self { low: self.low.min(other.low), high: self.high.max(other.high) }
     }
 
-    /// Limbs of the given width that cover these places; `None` if there are too many places. Spare places of
-    /// the limbs are distributed: one or two above, for larger loads, and the rest below, because the last
-    /// place of a number near zero is far below the last places of other numbers.
+    /// Limbs of the given width that cover these places; `None` if there are too many places. Spare
+    /// places of the limbs are distributed: one or two above, for larger loads, and the rest below,
+    /// because the last place of a number near zero is far below the last places of other numbers.
     pub(crate) fn limbs(self, width: u32) -> Option<Limbs> {
-        /// Maximum number of places. More would be slower than other solvers and need more exponents than
-        /// `f64` has.
+        /// More places would be slower than other solvers and need more exponents than `f64` has.
         const MOST_PLACES: i32 = 256;
         const LOWEST_UNIT: i32 = -960;
         if self.low > self.high {
@@ -189,14 +178,12 @@ impl BinaryPlaces {
     }
 }
 
-/// A way to cut numbers into limbs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Limbs {
     /// Exponent of the unit of the lowest limb.
     pub(crate) unit: i32,
     /// Places from one limb to the next.
     pub(crate) width: u32,
-    /// Number of limbs.
     pub(crate) count: usize,
 }
 
@@ -205,8 +192,8 @@ impl Limbs {
         Self { unit: 0, width, count }
     }
 
-    /// Cuts a column into `count` columns, lowest limb first. Returns true if the limbs add up to the
-    /// numbers.
+    /// Cuts a column into `count` columns, lowest limb first. Returns true if the limbs add up to
+    /// the numbers.
     #[inline(always)]
     pub(crate) fn cut(self, column: &[f64], out: &mut [f64]) -> bool {
         let Limbs { unit, width, count } = self;
@@ -217,8 +204,7 @@ impl Limbs {
         let (mut largest, mut left) = ([0.0_f64; TOGETHER], [0.0; TOGETHER]);
         let (column, _) = column.as_chunks::<TOGETHER>();
         for (block, numbers) in column.iter().enumerate() {
-            // Loops over lanes, because closures may not be inlined, and sums and maxima depend on each
-            // other.
+            // Loops over lanes: closures may not be inlined.
             let mut rest = *numbers;
             for i in 0..TOGETHER {
                 rest[i] *= scale;

@@ -1,5 +1,5 @@
-//! The plan of a summation (centre, limbs, and the columns to multiply), the sums in progress, and their
-//! conversion to the final form.
+//! Plan of a summation (centre, limbs, columns to multiply), the sums in progress, and their
+//! conversion.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -12,12 +12,10 @@ use super::limbs::{FeatureLimbs, Limbs, SQUARE_WIDTH};
 use super::product_sums::ExactSums;
 use crate::model::Basis;
 
-/// A centre and limbs, and the resulting columns for a block of rows.
-///
-/// Columns of features are stored in this order: the right operands (ones, then the features), then, for one
-/// group of products after another, the left operands that are not among the right operands. Columns of the
-/// wrench are stored in this order: the limbs that are multiplied with each other, axis by axis, then the
-/// limbs for features only, then ones.
+/// A centre and limbs, and the resulting columns for a block of rows. Columns of features: the
+/// right operands (ones, then the features), then, group by group, the left operands that are not
+/// among the right ones. Columns of the wrench: the limbs that are multiplied with each other, axis
+/// by axis, then the limbs for features only, then ones.
 #[derive(Debug, PartialEq)]
 pub(crate) struct SummationPlan {
     /// The offset that is subtracted from the readings of each channel.
@@ -27,8 +25,7 @@ pub(crate) struct SummationPlan {
     pub(crate) firsts: Vec<usize>,
     /// The right operands: ones, then the limbs of the features.
     pub(crate) rights: Vec<LimbColumn>,
-    /// The products of features, group by group of the layout, each with the left operands that are not among
-    /// the right operands.
+    /// Products by group of the layout, each with the left operands that are not right operands.
     pub(crate) groups: Vec<(Vec<LimbColumn>, Operands)>,
     /// Limbs of each axis that are multiplied with limbs of other axes.
     pub(crate) squares: Vec<Limbs>,
@@ -36,8 +33,8 @@ pub(crate) struct SummationPlan {
     pub(crate) cross: Option<Vec<Limbs>>,
 }
 
-/// A column of ones, or a limb of a feature. A feature is the sum of its limbs times two to the power of
-/// their shifts.
+/// A column of ones, or a limb of a feature. A feature is the sum of its limbs times two to the
+/// power of their shifts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct LimbColumn {
     /// The position in the layout of the sums: 0 for ones, then the features.
@@ -90,13 +87,11 @@ impl SummationPlan {
         Self { centre, features, firsts, rights, groups, squares, cross }
     }
 
-    /// Number of columns of limbs that are multiplied with each other.
     pub(crate) fn square_columns(&self) -> usize {
         self.squares.iter().map(|limbs| limbs.count).sum()
     }
 
-    /// The columns of the wrench that are multiplied with features: limbs axis by axis, then ones in the last
-    /// column.
+    /// Columns that are multiplied with features: limbs axis by axis, then ones.
     pub(crate) fn cross_columns(&self) -> Range<usize> {
         let squares = self.square_columns();
         let others = self.cross.iter().flatten().map(|limbs| limbs.count).sum::<usize>();
@@ -104,12 +99,11 @@ impl SummationPlan {
         start..squares + others + 1
     }
 
-    /// The limbs of each axis that are multiplied with features.
     pub(crate) fn cross_limbs(&self) -> &[Limbs] {
         self.cross.as_ref().unwrap_or(&self.squares)
     }
 
-    /// For every axis, the columns that its limbs are multiplied with: its own and those of later axes.
+    /// Columns that each axis's limbs are multiplied with: its own and those of later axes.
     pub(crate) fn square_operands(&self) -> Vec<Operands> {
         let (mut start, end) = (0, self.square_columns());
         let of_axis = |limbs: &Limbs| {
@@ -128,8 +122,8 @@ impl SummationPlan {
     }
 }
 
-/// The number of blocks after which the pairs of sums could become inexact: `2^25·2^26 < 2^53`, and multiples
-/// of 2²⁶ below `2^53·2^26`.
+/// The number of blocks after which the pairs of sums could become inexact: `2^25·2^26 < 2^53`, and
+/// multiples of 2²⁶ below `2^53·2^26`.
 pub(crate) const MOST_BLOCKS: u64 = 1 << 26;
 
 /// Sums in progress: a pair of numbers for each product of columns.
@@ -138,10 +132,9 @@ pub(crate) struct OpenSums {
     pub(crate) plan: Arc<SummationPlan>,
     pub(crate) rows: u64,
     pub(crate) blocks: u64,
-    /// The part of each sum that is a multiple of 2²⁶. The order is: the groups; then wrench limbs and ones
-    /// with ones and features; then wrench limbs with each other.
+    /// The part of each sum that is a multiple of 2²⁶. The order is: the groups; then wrench limbs
+    /// and ones with ones and features; then wrench limbs with each other.
     pub(crate) high: Vec<f64>,
-    /// The remainder of each sum.
     pub(crate) low: Vec<f64>,
 }
 
@@ -151,7 +144,6 @@ impl OpenSums {
         Self { plan, rows: 0, blocks: 0, high: vec![0.0; sums], low: vec![0.0; sums] }
     }
 
-    /// Converts to sums relative to the origin of the readings.
     pub(crate) fn moments(&self, layout: &Arc<SumLayout>, basis: Basis) -> ExactSums {
         let mut moments = ExactSums::with_layout(basis, layout.clone());
         moments.rows = self.rows;
@@ -164,8 +156,8 @@ impl OpenSums {
             }
         };
         let back: Vec<i64> = self.plan.centre.iter().map(|c| -c).collect();
-        // For each axis, limb by limb. 128 bits hold each sum for any origin: there are at most 2³⁰ rows, a
-        // feature is below 2⁴⁸ and a limb below 2²³.
+        // For each axis, limb by limb. 128 bits hold each sum for any origin: there are at most 2³⁰
+        // rows, a feature is below 2⁴⁸ and a limb below 2²³.
         let planes = |limbs: &Limbs| {
             let mut planes = vec![vec![0; 1 + layout.features.len()]; limbs.count];
             for plane in &mut planes {

@@ -13,14 +13,13 @@ use crate::model::Basis;
 use crate::reading_ranges::{ReadingRange, ReadingRanges};
 use shell_data::wrench::PerAxis;
 
-/// Exact sums over rows of products of readings and wrench: everything that a least-squares fit of a basis,
-/// or of a smaller one within it, needs from the rows.
+/// Exact sums over rows of products of readings and wrench: everything that a least-squares fit of
+/// a basis, or of a smaller one within it, needs. Equal rows give equal sums, however they were
+/// ordered, split and merged.
 ///
-/// Equal rows give equal sums, in any order and however they were split and merged.
-///
-/// Sums are relative to the origin of the readings, modulo 2¹²⁸. [`MAX_ROWS`] ensures that they fit: a
-/// reading is below 2¹⁶ in magnitude, so a sum is below 2³⁰·2⁹⁶ = 2¹²⁶. Arithmetic modulo 2¹²⁸ on the way,
-/// such as moving the origin, is exact because its result fits.
+/// Sums are relative to the origin of the readings, modulo 2¹²⁸. They fit, as do results of
+/// arithmetic on the way: with at most [`MAX_ROWS`] rows and readings below 2¹⁶, a sum is below
+/// 2³⁰·2⁹⁶ = 2¹²⁶.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExactSums {
     pub(crate) basis: Basis,
@@ -86,7 +85,8 @@ impl ExactSums {
     /// Adds the rows of `other`. They must be different rows of the same channels and basis.
     ///
     /// # Errors
-    /// [`ExactError`] if the total has too many rows or spans too wide a range; `self` is then unchanged.
+    /// [`ExactError`] if the total has too many rows or spans too wide a range; `self` is then
+    /// unchanged.
     ///
     /// # Panics
     /// If basis or number of channels differ.
@@ -130,8 +130,7 @@ impl ExactSums {
         }
     }
 
-    /// Subtracts `part`, the sums over some of the same rows. The ranges of the channels remain those of all
-    /// rows.
+    /// Subtracts `part`, sums over some of these rows. The ranges remain those of all rows.
     pub fn without(&self, part: &ExactSums) -> ExactSums {
         let mut rest = self.clone();
         let part = part.in_units(&self.units());
@@ -183,8 +182,7 @@ impl ExactSums {
         }
     }
 
-    /// The sums of readings, and the sums of wrench times readings for each axis, with the origin of each
-    /// channel moved to `origin`.
+    /// Sums of readings, and for each axis of wrench times readings, about `origin`.
     pub(crate) fn about(&self, origin: &[i64]) -> (Vec<i128>, PerAxis<DigitPlanes>) {
         let moved = |axis: &ScaledIntegers| self.layout.moved_features(&axis.values, origin);
         (self.readings_about(origin), self.wrench.each_ref().map(moved))

@@ -1,8 +1,7 @@
-//! Linear dependence of features, decided in exact integers.
-//!
-//! The method is symmetric elimination modulo the prime 2⁶¹ − 1. A minor that is nonzero modulo a prime is
-//! nonzero, so the pivots found here prove rank. A pivot that is zero modulo the prime is zero with a
-//! probability of error near 2⁻⁶¹. The resulting relations are checked in exact integers.
+//! Linear dependence of features, decided in exact integers by symmetric elimination modulo the
+//! prime 2⁶¹ − 1. A minor that is nonzero modulo a prime is nonzero, so the pivots prove rank. A
+//! pivot that is zero modulo the prime is zero but for a probability near 2⁻⁶¹; the resulting
+//! relations are checked in exact integers.
 
 use num_bigint::BigInt;
 use num_traits::Zero;
@@ -12,11 +11,9 @@ use super::product_sums::ExactSums;
 use crate::model::Term;
 use crate::rank_loss::{RankLoss, Relation};
 
-/// The loss of rank of a model's features; `None` if they are independent.
-///
-/// Independence is certain, because a minor of the integer Gram matrix that does not vanish modulo a prime
-/// does not vanish. Dependence is certain where its relation is [`Relation::exact`], and otherwise wrong with
-/// a probability near 2⁻⁶¹ per feature.
+/// The loss of rank; `None` if the features are independent, which is certain. Dependence is
+/// certain where its relation is [`Relation::exact`], and otherwise wrong with a probability near
+/// 2⁻⁶¹ per feature.
 pub(crate) fn rank_loss(moments: &ExactSums, scales: &EquationScales) -> Option<RankLoss> {
     let EquationScales { terms: model_terms, positions, .. } = scales;
     let size = model_terms.len();
@@ -96,7 +93,6 @@ pub(crate) fn residue(value: i128) -> u64 {
     value.rem_euclid(i128::from(PRIME)) as u64
 }
 
-/// Reduces a number modulo the prime.
 #[inline]
 fn reduce(value: u128) -> u64 {
     let once = (value & u128::from(PRIME)) + (value >> 61);
@@ -136,8 +132,8 @@ pub(crate) struct Elimination {
 }
 
 impl Elimination {
-    /// Eliminates a symmetric matrix given by its rows. Columns keep their order, so a column counts as
-    /// dependent if it depends on earlier columns.
+    /// Eliminates a symmetric matrix given by its rows. Columns keep their order, so a column
+    /// counts as dependent if it depends on earlier columns.
     pub(crate) fn new(size: usize, mut rows: Vec<u64>) -> Self {
         let mut inverses = vec![0; size];
         let mut sums = vec![0u128; size];
@@ -174,7 +170,6 @@ impl Elimination {
         Self { size, rows, inverses }
     }
 
-    /// The columns that depend on earlier columns.
     pub(crate) fn dependent(&self) -> Vec<usize> {
         (0..self.size).filter(|&j| self.inverses[j] == 0).collect()
     }
@@ -194,8 +189,8 @@ impl Elimination {
     }
 }
 
-/// Finds the fraction `n/d`, `|n| < 2³⁹`, `0 < d < 2²⁰`, that equals `value` modulo the prime. It is unique
-/// if it exists. Uses Euclid's algorithm stopped half way (Wang, SYMSAC 1981).
+/// Finds the fraction `n/d`, `|n| < 2³⁹`, `0 < d < 2²⁰`, that equals `value` modulo the prime. It
+/// is unique if it exists. Uses Euclid's algorithm stopped half way (Wang, SYMSAC 1981).
 pub(crate) fn fraction(value: u64) -> Option<(i64, i64)> {
     const NUMERATOR: i64 = 1 << 39;
     const DENOMINATOR: i64 = 1 << 20;

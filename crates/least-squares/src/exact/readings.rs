@@ -1,8 +1,7 @@
-//! The unit in which the readings of a channel are integers, and the range of the readings.
-//!
-//! A reading with a finite binary or decimal fraction is an integer over `2^twos·5^fives`, in lowest terms.
-//! Each channel is counted in the common unit of its readings: averages of sixteen conversions in sixteenths,
-//! decimals in tenths or hundredths. The common unit does not depend on the order of the rows.
+//! The unit in which the readings of a channel are integers, and their range. A finite binary or
+//! decimal fraction is an integer over `2^twos·5^fives`; a channel's common unit is the same in any
+//! order of rows: averages of sixteen conversions count in sixteenths, decimals in tenths or
+//! hundredths.
 
 use shell_data::vectorised;
 
@@ -17,8 +16,7 @@ pub struct ReadingUnit {
 
 impl ReadingUnit {
     pub(crate) const COUNT: Self = Self { twos: 0, fives: 0 };
-    /// Eight binary and five decimal places. With a finer unit, the readings of a useful range would not be
-    /// integers of 16 bits.
+    /// Readings of a useful range in a finer unit would exceed 16 bits.
     const FINEST: Self = Self { twos: 8, fives: 5 };
 
     pub(crate) fn per_count(self) -> u32 {
@@ -45,7 +43,6 @@ impl ReadingUnit {
         self.twos <= Self::FINEST.twos && self.fives <= Self::FINEST.fives
     }
 
-    /// Converts a reading to the nearest integer number of units.
     #[inline(always)]
     pub(crate) fn count(self, reading: f64) -> f64 {
         (reading * f64::from(self.per_count())).round()
@@ -67,7 +64,6 @@ impl ReadingUnit {
     }
 }
 
-/// Converts scanned readings to integers.
 pub(crate) fn count(column: &[f64], unit: ReadingUnit, out: &mut [f64]) {
     if unit == ReadingUnit::COUNT {
         out.copy_from_slice(column);
@@ -122,8 +118,8 @@ impl ChannelRange {
     }
 }
 
-/// The range of a column, in a unit that suits it and `known`; or a reading that is not an integer of 16
-/// bits.
+/// The range of a column, in a unit that suits it and `known`; or a reading that is not an integer
+/// of 16 bits.
 pub(crate) fn scan_column(column: &[f64], known: ReadingUnit) -> Result<ChannelRange, f64> {
     if known == ReadingUnit::COUNT {
         let (lowest, highest, integers) = scan_integers(column);

@@ -1,8 +1,6 @@
-//! The file format of exact sums.
-//!
-//! Sums from a file are checked for consistency: some rows must be able to produce them. A single changed
-//! digit of a sum can make a fit wrong or its equations unsolvable. The check cannot find every change, but
-//! it rejects all that would violate an assumption of later arithmetic.
+//! File format of exact sums. They are checked for consistency, that is, some rows can produce
+//! them: a changed digit could make a fit wrong or its equations unsolvable. The check cannot find
+//! every change, but rejects all that violate an assumption of later arithmetic.
 
 use num_bigint::{BigInt, Sign};
 use serde::de::Error;
@@ -17,8 +15,7 @@ use crate::model::{Basis, Model};
 use shell_data::by_axis;
 use shell_data::wrench::{Axes, Axis};
 
-/// [`ExactSums`] in file form. Integers are decimal strings, because they exceed the numbers that JSON
-/// readers accept.
+/// [`ExactSums`] in file form, with decimal strings for integers too large for JSON readers.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct StoredSums {
     /// The features that were summed.
@@ -44,8 +41,7 @@ pub struct StoredIntegers {
     pub values: Vec<String>,
 }
 
-/// Maximum number of digits of an integer. Products of two loads, which are doubles between 10⁻³⁰⁸ and 10¹⁵,
-/// need some 700.
+/// Products of two loads, doubles between 10⁻³⁰⁸ and 10¹⁵, need some 700 digits.
 const MAX_DIGITS: usize = 2_000;
 
 /// Checks the length of an integer, because parsing takes time quadratic in it.
@@ -164,8 +160,8 @@ impl<'de> Deserialize<'de> for ExactSums {
 }
 
 impl ExactSums {
-    /// Returns true if these can be the sums of some of the rows of `whole`. If not, subtracting them would
-    /// leave sums that no rows have.
+    /// Returns true if these can be the sums of some of the rows of `whole`. If not, subtracting
+    /// them would leave sums that no rows have.
     pub fn can_be_part_of(&self, whole: &ExactSums) -> bool {
         let within = |(part, whole): (&ChannelRange, &ChannelRange)| {
             let mut both = *whole;

@@ -1,6 +1,5 @@
-//! R factors by group, and the [scatter](crate::sandwich) of coefficients over the groups.
-//!
-//! With `M = R·F` for a group, `K_g = MᵀM` and `u_g = Mᵀ(Z − R·C)`, with errors of about κ(X)·2⁻⁵³.
+//! R factors by group, and the [scatter](crate::sandwich) of coefficients over the groups: with
+//! `M = R·F` for a group, `K_g = MᵀM` and `u_g = Mᵀ(Z − R·C)`, with errors of about κ(X)·2⁻⁵³.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -32,8 +31,8 @@ pub struct FactoredGroups {
     pub groups: Vec<(String, FactoredRows)>,
 }
 
-/// Groups while rows are being added. The rows of a group are factored in batches of fixed size, independent
-/// of the blocks in which they arrive, so the result depends only on the order of the rows.
+/// Groups while rows are being added, factored in batches of fixed size: the result depends only on
+/// the order of the rows, not on blocks.
 #[derive(Debug)]
 pub struct GroupFactors {
     empty: FactoredRows,
@@ -45,7 +44,6 @@ pub struct GroupFactors {
 struct Group {
     label: String,
     rows: FactoredRows,
-    /// Rows not yet factored, fewer than a full workspace.
     waiting: Block,
 }
 
@@ -156,8 +154,8 @@ impl FactoredGroups {
         FactoredRows::merged(self.groups.iter().map(|(_, rows)| rows))
     }
 
-    /// Merges neighbouring groups: each group of the result has the rows of one of the ranges, which must not
-    /// be empty.
+    /// Merges neighbouring groups: each group of the result has the rows of one of the ranges,
+    /// which must not be empty.
     pub fn merged(&self, ranges: &[Range<usize>]) -> Self {
         let merge = |range: &Range<usize>| {
             let (label, mut all) = self.groups[range.start].clone();
@@ -167,8 +165,8 @@ impl FactoredGroups {
         Self { groups: ranges.iter().map(merge).collect() }
     }
 
-    /// For each group, merges all others; `None` with fewer than two groups. Works from both ends: nothing is
-    /// subtracted, and no group is merged more than four times.
+    /// For each group, merges all others; `None` with fewer than two groups. Works from both ends:
+    /// nothing is subtracted, and no group is merged more than four times.
     pub fn without_each(&self) -> Option<Vec<FactoredRows>> {
         let merged = |earlier: &FactoredRows, later: &FactoredRows| {
             let mut all = earlier.clone();
@@ -192,12 +190,13 @@ impl FactoredGroups {
         Some(others)
     }
 
-    /// The scatter of the coefficients of a solution over these groups, without the group `held_out`, on
-    /// `threads` threads, on request with its degrees of freedom. The groups must be all rows of the fit.
-    /// Omits the bias from a ridge or a truncation.
+    /// The scatter of the coefficients of a solution over these groups, without the group
+    /// `held_out`, on `threads` threads, on request with its degrees of freedom. The groups must be
+    /// all rows of the fit. Omits the bias from a ridge or a truncation.
     ///
     /// # Errors
-    /// [`FitError`] if some group alone determines a coefficient, or the features are too nearly dependent.
+    /// [`FitError`] if some group alone determines a coefficient, or the features are too nearly
+    /// dependent.
     pub fn scatter(
         &self,
         solution: &Solution,
@@ -238,8 +237,7 @@ impl FactoredGroups {
         sums.finish(&UpperTriangle::new(factor))
     }
 
-    /// The mean variance of predictions on each of the groups that comes from the coefficients with this
-    /// `scatter`.
+    /// Mean variance of predictions on each group from coefficients with this `scatter`.
     pub fn variances(
         &self,
         groups: Range<usize>,
@@ -260,16 +258,15 @@ impl FactoredGroups {
     }
 }
 
-/// The columns of `T` from the first nonzero one. With fewer groups than features there are as many as
-/// groups.
+/// Columns of `T` from the first nonzero one; as many as groups, if these are fewer than features.
 fn without_zeros(factor: &Mat<f64>) -> MatRef<'_, f64> {
     let zeros = factor.col_iter().take_while(|column| column.norm_max() == 0.0).count();
     factor.as_ref().subcols(zeros, factor.ncols() - zeros)
 }
 
-/// Splits groups into runs of neighbours with the same centre, each with the matrix that expresses the
-/// features of a solution in those of the run; `None` if the run lacks some of them. Groups of merged
-/// recordings differ in their centres; other groups share one.
+/// Splits groups into runs of neighbours with the same centre, each with the matrix that expresses
+/// the features of a solution in those of the run; `None` if the run lacks some of them. Groups of
+/// merged recordings differ in their centres; other groups share one.
 fn by_centre<'a, 'b>(
     groups: &'a [&'b FactoredRows],
     solution: &Solution,
@@ -293,8 +290,8 @@ mod tests {
     use shell_data::block::Block;
     use system_tests::random::Random;
 
-    /// Groups of one to seven rows, fewer than features, with similar errors within a group. The second
-    /// channel is the first plus noise of size `apart`.
+    /// Groups of one to seven rows, fewer than features, with similar errors within a group. The
+    /// second channel is the first plus noise of size `apart`.
     fn block(apart: f64) -> Block {
         let mut random = Random(16);
         let mut noise = |scale: f64| scale * (2.0 * random.unit() - 1.0);
@@ -330,9 +327,8 @@ mod tests {
         (solution, groups.finish().unwrap())
     }
 
-    /// The direct computation from the singular vectors of all rows: the variances of predictions at the
-    /// rows, and the products of residuals. Neither needs an inverse, so the condition of the features does
-    /// not matter.
+    /// From the singular vectors of all rows: the variances of predictions at the rows, and the
+    /// products of residuals. Neither needs an inverse, so the condition does not matter.
     fn dense(x: &Mat<f64>, block: &Block) -> (Vec<Mat<f64>>, Mat<f64>) {
         let (n, svd) = (x.nrows(), x.thin_svd().unwrap());
         let u = svd.U();
@@ -380,8 +376,8 @@ mod tests {
             let (variances, products) = dense(&x, &block);
             let found = groups.scatter(&solution, None, true, 1).unwrap();
             assert_eq!(found.groups, 40);
-            // Both methods determine the directions of the features to ε·κ; sums of about a hundred rounding
-            // errors.
+            // Both methods determine the directions of the features to ε·κ; sums of about a hundred
+            // rounding errors.
             let tolerance = 100.0 * f64::EPSILON * solution.condition + 1e-12;
             assert!(apart > 1e-9 || solution.condition > 1e9, "{}", solution.condition);
             for axis in 0..6 {

@@ -1,21 +1,21 @@
 //! Rows with arbitrary readings, reduced to their R factor.
 //!
-//! Some rows cannot be summed exactly: volts, averages, anything with all the digits of a double. For those,
-//! the R factor of features and wrench replaces the sums ([`FactoredRows`]):
+//! Volts, averages, and other readings with all the digits of a double cannot be summed exactly.
+//! For those, the R factor of features and wrench replaces the sums ([`FactoredRows`]):
 //!
 //! ```text
 //! [X | W] = Q · | R  Z |
 //!               | 0  E |
 //! ```
 //!
-//! The R factor provides everything that a fit needs from the sums: `X_gᵀX_g = RᵀR`,
-//! `X_gᵀ(W_g − X_g·C) = Rᵀ(Z − R·C)`, and the products of residuals come from `Z − R·C` and `E`. Squares are
-//! never formed and nothing is subtracted from a sum, so errors grow with the condition number and not with
-//! its square. R factors of groups merge to the R factor of all rows ([`FactoredGroups`]).
+//! Then `X_gᵀX_g = RᵀR`, `X_gᵀ(W_g − X_g·C) = Rᵀ(Z − R·C)`, and the products of residuals come from
+//! `Z − R·C` and `E`. Squares are never formed and nothing is subtracted from a sum, so errors grow
+//! with the condition number and not with its square. R factors of groups merge to that of all rows
+//! ([`FactoredGroups`]).
 //!
-//! Features always include a constant, so they can be expressed relative to another centre. Thus R factors of
-//! separate recordings merge, and the features of a smaller model are contained in those of a larger one. The
-//! order of the rows affects only the last digits.
+//! Features always include a constant, so they can be expressed relative to another centre: R
+//! factors of separate recordings merge, and smaller models are contained in larger ones. The order
+//! of the rows affects only the last digits.
 
 mod groups;
 mod rows;

@@ -27,8 +27,8 @@ pub struct FactoredRows {
 }
 
 impl FactoredRows {
-    /// Starts with zero rows. The features, and a constant, are of readings standardised by `scaling`, which
-    /// should come from a sample of the rows.
+    /// Starts with zero rows. The features, and a constant, are of readings standardised by
+    /// `scaling`, which should come from a sample of the rows.
     ///
     /// # Panics
     /// If the numbers of columns of `scaling` and `model` differ.
@@ -97,7 +97,7 @@ impl FactoredRows {
         Some(all)
     }
 
-    /// Centre and scale of these rows. The centre is their mean if there is an intercept to absorb the shift.
+    /// Centre (the mean, if an intercept absorbs the shift) and scale of these rows.
     fn scaling_of_all(&self, intercept: bool) -> Scaling {
         let (r, ones) = (self.r_factor.r(), self.features.len() - 1);
         let terms = self.features.model.terms();
@@ -121,8 +121,8 @@ impl FactoredRows {
         self.solve_by(SolverKind::Tsqr.into(), model, ridge)
     }
 
-    /// Like [`solve`](Self::solve), by any method that weighs all rows equally. [`SolverKind::RidgeGcv`]
-    /// finds λ for these rows.
+    /// Like [`solve`](Self::solve), by any method that weighs all rows equally.
+    /// [`SolverKind::RidgeGcv`] finds λ for these rows.
     ///
     /// # Errors
     /// As [`FactoredRows::solve`].
@@ -155,7 +155,6 @@ impl FactoredRows {
         Some(self.errors_of((&change * &solution.coefficients).as_ref()))
     }
 
-    /// The errors of coefficients for the features of these rows.
     pub(super) fn errors_of(&self, coefficients: MatRef<'_, f64>) -> PerAxis<HeldOutErrors> {
         let products = self.r_factor.residual_products(coefficients);
         let sums = self.r_factor.sums_of_residuals(coefficients, self.features.len() - 1);
@@ -166,8 +165,7 @@ impl FactoredRows {
         })
     }
 
-    /// The quality of a solution on these rows; `None` for zero rows, or if features of its model were not
-    /// kept.
+    /// Quality of a solution on these rows; `None` for zero rows, or without features of its model.
     pub fn quality(&self, solution: &Solution) -> Option<PerAxis<AxisQuality>> {
         let errors = self.errors(solution).filter(|_| self.rows() > 0)?;
         let variances = self.load_variances();
@@ -186,13 +184,13 @@ impl FactoredRows {
         std::array::from_fn(|axis| about_mean[(axis, axis)] / rows)
     }
 
-    /// The matrix `T`, terms of these rows × terms of `model`, that expresses the features of `model`
-    /// relative to the centre of `scaling` in the features of these rows; `None` if a product that `model`
-    /// needs was not kept.
+    /// The matrix `T`, terms of these rows × terms of `model`, that expresses the features of
+    /// `model` relative to the centre of `scaling` in the features of these rows; `None` if a
+    /// product that `model` needs was not kept.
     ///
-    /// With `z = (s − c)/k` and `z' = (s − c')/k'`, a standardised reading is `z' = a·z + b`, `a = k/k'`,
-    /// `b = (c − c')/k'`, so every product of `z'` is a sum of products of `z`: `X' = X·T`. Scales are powers
-    /// of two, so `a` is exact.
+    /// With `z = (s − c)/k` and `z' = (s − c')/k'`, a standardised reading is `z' = a·z + b`,
+    /// `a = k/k'`, `b = (c − c')/k'`, so every product of `z'` is a sum of products of `z`:
+    /// `X' = X·T`. Scales are powers of two, so `a` is exact.
     pub(crate) fn change(&self, model: &Model, scaling: &Scaling) -> Option<Mat<f64>> {
         if model.columns() != self.model().columns() {
             return None;

@@ -11,15 +11,12 @@ use crate::reading_ranges::{ReadingRange, ReadingRanges};
 use crate::scaling::{Scaling, is_power_of_two};
 use crate::symmetric::triangular_columns;
 
-/// [`FactoredRows`] in file form.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct StoredRows {
     basis: Basis,
     rows: u64,
     scaling: Scaling,
-    /// The ranges of the channels.
     channels: Vec<ReadingRange>,
-    /// The upper triangular matrix, column by column.
     columns: Vec<Vec<f64>>,
 }
 

@@ -1,24 +1,24 @@
-//! The ridge parameter by generalised cross-validation (Golub, Heath and Wahba, Technometrics 21,
+//! Ridge parameter by generalised cross-validation (Golub, Heath and Wahba, Technometrics 21,
 //! 1979), from one factorisation.
 //!
-//! The penalised columns are made orthogonal to the free column, scaled to norm one and factored as `U·S·Vᵀ`.
-//! Then the residual sum of squares and the degrees of freedom for every λ are sums over singular values:
+//! The penalised columns are made orthogonal to the free column, scaled to norm one and factored as
+//! `U·S·Vᵀ`. The residual sum of squares and the degrees of freedom are then sums over singular
+//! values for every λ:
 //!
 //! ```text
 //! GCV(λ) = (RSS(λ)/n) / (1 − t(λ)/n)²    t = Σ s²/(s² + λ), and 1 for the free column
 //! RSS(λ) = RSS(0) + Σ (λ/(s² + λ))²·b²   b = UᵀY
 //! ```
 //!
-//! One λ serves all columns of `Y`, which may have different units. The sum of the logarithms of their GCV is
-//! minimised, because its minimum does not depend on units.
+//! One λ serves all columns of `Y`: it minimises the sum of the logarithms of their GCV, which does
+//! not depend on units.
 
 use faer::Mat;
 
 use crate::r_factor::{LeastSquaresError, RFactor, Ridge};
 
-/// Points per factor of ten in the first search.
 const PER_DECADE: usize = 8;
-/// Exponents of the smallest and largest λ in the search, relative to the largest squared singular value.
+/// Exponents of the range of λ, relative to the largest squared singular value.
 const RANGE: (f64, f64) = (-20.0, 4.0);
 
 /// The λ that minimises the criterion; zero if that is at the lower end of the search.
@@ -39,8 +39,8 @@ pub(super) fn lambda(
     Ok(largest * 10_f64.powf(golden_section(low, high, criterion)))
 }
 
-/// Returns the largest squared singular value, and the criterion as a function of the exponent in λ =
-/// 10^exponent times that value.
+/// Returns the largest squared singular value, and the criterion as a function of the exponent in
+/// λ = 10^exponent times that value.
 fn criterion(
     r_factor: &RFactor,
     free_column: Option<usize>,

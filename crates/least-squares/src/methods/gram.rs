@@ -41,7 +41,6 @@ impl Reduction for Gram {
 }
 
 impl Gram {
-    /// The result for zero rows.
     pub(super) fn new(shape: Shape) -> Self {
         let columns = shape.columns();
         Self { shape, rows: 0, additions: 0, products: Mat::zeros(columns, columns) }
@@ -49,14 +48,11 @@ impl Gram {
 
     /// Solves by Cholesky factorisation with columns scaled to norm one.
     ///
-    /// Success of the factorisation does not prove full rank. The elements of the scaled matrix have errors
-    /// of at most (r + a)·2⁻⁵³, with r rows to a chunk and a additions of chunks (Higham, Accuracy and
-    /// Stability of Numerical Algorithms, 2nd ed., §3.1). By Weyl's inequality its eigenvalues have errors of
-    /// at most p times that. If the smallest eigenvalue is not well above this bound, the rank is uncertain
-    /// and the result is an error.
-    ///
-    /// # Errors
-    /// [`LeastSquaresError`].
+    /// Success does not prove full rank. The elements of the scaled matrix have errors of at most
+    /// (r + a)·2⁻⁵³, with r rows to a chunk and a additions of chunks (Higham, Accuracy and
+    /// Stability of Numerical Algorithms, 2nd ed., §3.1). By Weyl's inequality its eigenvalues have
+    /// errors of at most p times that. If the smallest is not well above this bound, the rank is
+    /// uncertain and the result is an error.
     pub(super) fn solve(&self, ridge: Ridge) -> Result<LeastSquares, LeastSquaresError> {
         let Shape { features: p, outputs: q } = self.shape;
         ridge.check(self.rows, p, self.products.is_all_finite())?;

@@ -1,20 +1,20 @@
-//! Huber's M-estimator of regression. Each column of `Y` is fitted separately, and distant rows get less
-//! weight.
+//! Huber's M-estimator of regression. Each column of `Y` is fitted separately, and distant rows get
+//! less weight.
 //!
-//! Solves `Σ ψ(rᵢ/σ)·xᵢ = 0` with `ψ(u) = max(−k, min(k, u))`, k = 1.345 (95 % efficiency for normal errors),
-//! and σ the median of `|r|` over 0.6745, like R's `MASS::rlm` by default. Iteratively reweighted least
-//! squares solves the same equations. Here they are solved by modified residuals (Huber, Robust Statistics,
-//! 1981, §7.8): clip the residuals, and correct by the least-squares fit of the clipped residuals,
-//! `C += q·(XᵀX)⁻¹Xᵀψ`. Then every pass over the rows costs a gradient, where reweighting costs one
-//! factorisation per column of `Y`, and for q < 2 each step is certain to improve. A histogram with
-//! logarithmic bins gives the median over all rows to 0.4 %. The next pass keeps the sizes near it, which
-//! makes the median exact.
+//! Solves `Σ ψ(rᵢ/σ)·xᵢ = 0` with `ψ(u) = max(−k, min(k, u))`, k = 1.345 (95 % efficiency for
+//! normal errors), and σ the median of `|r|` over 0.6745, like R's `MASS::rlm` by default. Modified
+//! residuals (Huber, Robust Statistics, 1981, §7.8) replace iteratively reweighted least squares:
+//! clip the residuals, and correct by the least-squares fit of the clipped residuals,
+//! `C += q·(XᵀX)⁻¹Xᵀψ`. A pass over the rows then costs a gradient instead of a factorisation per
+//! column of `Y`, and for q < 2 each step is certain to improve. A histogram with logarithmic bins
+//! gives the median over all rows to 0.4 %; the next pass keeps the sizes near it, which makes the
+//! median exact.
 //!
-//! Coefficients and σ advance together, one step per pass, until both converge. With few rows σ can oscillate
-//! around its solution; its steps are then shortened but never stopped.
+//! Coefficients and σ advance together, one step per pass. With few rows σ can oscillate around its
+//! solution; its steps are then shortened but never stopped.
 //!
-//! The products of residuals use Huber's pseudo-residuals, `K·ψ(rᵢ/σ)·σ/mean ψ'`, so that covariances of
-//! coefficients follow from them as in least squares (§7.6).
+//! Huber's pseudo-residuals, `K·ψ(rᵢ/σ)·σ/mean ψ'`, make covariances of coefficients follow as in
+//! least squares (§7.6).
 
 use faer::Mat;
 
@@ -28,16 +28,14 @@ use std::ops::Range;
 const CLIP: f64 = 1.345;
 /// The third quartile of the standard normal distribution.
 const QUARTILE: f64 = 0.674_489_750_196_081_7;
-/// Maximum number of passes over many rows. With few rows, single rows can determine their own residuals and
-/// steps are short, so more passes of the same total cost are allowed.
+/// Maximum number of passes over many rows. With few rows, single rows can determine their own
+/// residuals and steps are short, so more passes of the same total cost are allowed.
 const MOST_PASSES: usize = 500;
-/// The number of rows that counts as many.
 const MANY: u64 = 100_000;
 /// Maximum number of passes over any number of rows.
 const MOST_SHORT_PASSES: usize = 20_000;
-/// The convergence threshold: passes end when a step is smaller than this fraction of the standard errors,
-/// and the relative change of σ is smaller than this. The remaining distance is then at most some ten times
-/// larger.
+/// Passes end when a step is smaller than this share of the standard errors, and σ changes by less.
+/// The remaining distance is at most some ten times larger.
 const STEP: f64 = 1e-8;
 /// Number of passes after which steps of σ that reverse are shortened.
 const FREE_PASSES: usize = 20;
@@ -45,14 +43,14 @@ const FREE_PASSES: usize = 20;
 const SHORTER: f64 = 0.7;
 const SHORTEST: f64 = 0.02;
 const LONGER: f64 = 1.1;
-/// The largest number of rows for which all sizes of residuals are kept for the median. With more rows, only
-/// sizes within the relative distance [`NEAR`] of the last median are kept.
+/// The largest number of rows for which all sizes of residuals are kept for the median. With more
+/// rows, only sizes within the relative distance [`NEAR`] of the last median are kept.
 const ALL_KEPT: u64 = 10_000;
 const NEAR: f64 = 0.01;
 /// Rounding error of sums over rows, relative to their terms.
 const ROUNDING: f64 = 64.0 * f64::EPSILON;
-/// The smallest σ, as a fraction of the RMS: even if most rows are fitted without error, the others must keep
-/// some weight.
+/// The smallest σ, as a fraction of the RMS: even if most rows are fitted without error, the others
+/// must keep some weight.
 const SMALLEST: f64 = 1e-12;
 
 /// The clipping threshold for residuals of these sizes.
@@ -71,19 +69,16 @@ fn mean_of_ranks(sizes: &mut [f64], [lower, upper]: [usize; 2]) -> f64 {
     0.5 * (middle + other)
 }
 
-/// The thresholds for one pass.
 struct Clipping {
     shape: Shape,
     coefficients: Mat<f64>,
     /// The clipping threshold σ·k of each column of `Y`.
     clip: Vec<f64>,
-    /// The unit of the sizes of residuals.
     unit: Vec<f64>,
     /// The range in which all sizes are kept, in those units.
     near: Vec<Range<f64>>,
 }
 
-/// Sums over clipped residuals.
 #[derive(Clone)]
 struct Clipped<'a> {
     by: &'a Clipping,
@@ -100,7 +95,6 @@ struct Clipped<'a> {
 }
 
 impl<'a> Clipped<'a> {
-    /// The result for zero rows.
     fn new(by: &'a Clipping) -> Self {
         let Shape { features: p, outputs: q } = by.shape;
         Self {
@@ -114,8 +108,8 @@ impl<'a> Clipped<'a> {
         }
     }
 
-    /// The median size of a column's residuals; of an even number, the mean of the middle two. The flag is
-    /// `false` if the median is from the histogram.
+    /// The median size of a column's residuals; of an even number, the mean of the middle two. The
+    /// flag is `false` if the median is from the histogram.
     fn median(&mut self, a: usize, rows: u64) -> (f64, bool) {
         let (kept, below) = (&mut self.kept[a], self.below[a]);
         let position = |rank: u64| rank.checked_sub(below).map(|position| position as usize);
@@ -176,7 +170,6 @@ impl Reduction for Clipped<'_> {
     }
 }
 
-/// Solves by least squares and modified residuals.
 pub(super) fn solve<R: RowSource>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares, R::Error> {
     let shape = rows.shape();
     let Shape { features: p, outputs: q } = shape;
@@ -221,8 +214,8 @@ pub(super) fn solve<R: RowSource>(rows: &mut R, ridge: Ridge) -> Result<LeastSqu
         }
         let inner = solved.factor.transpose() * &gradient;
         let step = &solved.factor * &inner;
-        // The mean of ψ', which is the fraction of rows with full weight. Above one half, a step lengthened
-        // by its inverse is still certain to improve.
+        // Mean of ψ', the share of rows with full weight. Above one half, a step lengthened by its
+        // inverse is certain to improve.
         let share = |a: usize| inside[a] as f64 / n;
         let mut settled = true;
         for a in 0..q {
@@ -335,8 +328,8 @@ mod tests {
         assert!((robust[(0, 0)] - 3.0).abs() < 1e-12 && (robust[(1, 0)] + 7.0).abs() < 1e-10);
     }
 
-    /// Dense iteratively reweighted least squares: QR of the weighted rows in a loop, with the median of all
-    /// residuals. `None` if it does not converge.
+    /// Dense iteratively reweighted least squares: QR of the weighted rows in a loop, with the
+    /// median of all residuals. `None` if it does not converge.
     fn reweighted(x: &Mat<f64>, y: &Mat<f64>) -> Option<(Mat<f64>, f64)> {
         let (n, p) = (x.nrows(), x.ncols());
         let mut weights = vec![1.0; n];
@@ -414,8 +407,8 @@ mod tests {
             let residual = &y - &x * &solved.coefficients;
             let mut sizes: Vec<f64> = residual.col(0).iter().map(|r| r.abs()).collect();
             sizes.sort_unstable_by(f64::total_cmp);
-            // The converged σ is not returned, but it follows from the sizes of these residuals. Clipped with
-            // it, they must be orthogonal to the columns.
+            // The converged σ is not returned, but it follows from the sizes of these residuals.
+            // Clipped with it, they must be orthogonal to the columns.
             let solves = |sigma: f64| {
                 let clip = CLIP * sigma;
                 (0..p).all(|j| {

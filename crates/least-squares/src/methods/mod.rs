@@ -1,9 +1,8 @@
 //! Dense linear least squares, `min ‖X·C − Y‖`, by a family of methods over one stream of rows.
 //!
-//! The methods know neither readings nor wrenches. Rows come in chunks `[X | Y]`, with elements of `X` in
-//! double-double where `f64` would round them ([`RowChunk`]). A [`Reduction`] defines what a pass over the
-//! rows computes: an R factor, a Gram matrix, a gradient. Its memory does not grow with the rows. A
-//! [`RowSource`] can be passed over as often as the method needs:
+//! Rows come in chunks `[X | Y]`, with elements of `X` in double-double where `f64` would round
+//! them ([`RowChunk`]). A [`Reduction`] defines what a pass over the rows computes, in memory that
+//! does not grow with them. A [`RowSource`] can be passed over as often as the method needs:
 //!
 //! | method | passes | memory | relative error of the coefficients, about |
 //! | --- | --- | --- | --- |
@@ -15,10 +14,10 @@
 //! | [`SolverKind::RidgeGcv`] | 1 | R | the error of the ridge |
 //! | [`SolverKind::Huber`] | about 10 | R, then clipped gradients | not a least-squares answer |
 //!
-//! with ε = 2⁻⁵³, κ the condition number of `X` with columns of norm one, and θ the angle between `Y` and its
-//! prediction (Björck, Numerical Methods for Least Squares Problems, 1996, §1.4, §2.4). A method returns
-//! [`LeastSquaresError::IllConditioned`] if it cannot distinguish full rank from loss of rank, or if its
-//! error would leave no correct digit.
+//! with ε = 2⁻⁵³, κ the condition number of `X` with columns of norm one, and θ the angle between
+//! `Y` and its prediction (Björck, Numerical Methods for Least Squares Problems, 1996, §1.4, §2.4).
+//! A method returns [`LeastSquaresError::IllConditioned`] if it cannot distinguish full rank from
+//! loss of rank, or if its error would leave no correct digit.
 
 #[cfg(test)]
 #[path = "tests/dense.rs"]
@@ -51,8 +50,8 @@ pub enum SolverKind {
     Tsqr,
     /// Householder QR, corrected by residuals in double-double: two passes or more.
     RefinedTsqr,
-    /// QR with column pivoting. Pivots are chosen in the R factor of [`SolverKind::Tsqr`], whose columns have
-    /// the lengths and angles of the columns of `X`, so the factorisation is the same.
+    /// QR with column pivoting. Pivots are chosen in the R factor of [`SolverKind::Tsqr`], whose
+    /// columns have the lengths and angles of the columns of `X`, so the factorisation is the same.
     PivotedQr,
     /// Singular values of the R factor, which are the singular values of `X`.
     Svd,
@@ -73,8 +72,8 @@ pub enum SolverKind {
 pub struct Method {
     /// The solver.
     pub solver: SolverKind,
-    /// For [`SolverKind::Svd`]: drops directions whose singular value, with columns of norm one, is below
-    /// this fraction of the largest. `None` keeps all.
+    /// For [`SolverKind::Svd`]: drops directions whose singular value, with columns of norm one, is
+    /// below this fraction of the largest. `None` keeps all.
     pub truncate: Option<f64>,
 }
 
@@ -101,8 +100,8 @@ impl SolverKind {
         NAMES[self as usize].1
     }
 
-    /// The recommended replacement of a solver that only serves as a reference in tests and benchmarks. The
-    /// replacement gives the same digits at lower cost.
+    /// The recommended replacement of a solver that only serves as a reference in tests and
+    /// benchmarks. The replacement gives the same digits at lower cost.
     pub const fn instead(self) -> Option<Self> {
         match self {
             Self::RefinedTsqr | Self::Gram | Self::WideGram | Self::WideTsqr => Some(Self::Exact),
@@ -136,8 +135,8 @@ const NAMES: [(&str, &str); 10] = [
 /// With [`SolverKind::RidgeGcv`], `ridge` only determines the column that is not penalised.
 ///
 /// # Errors
-/// [`LeastSquaresError`] if the rows do not determine the coefficients, or not for this method; the errors of
-/// `rows`.
+/// [`LeastSquaresError`] if the rows do not determine the coefficients, or not for this method; the
+/// errors of `rows`.
 pub fn solve<R: RowSource>(
     rows: &mut R,
     method: Method,
@@ -159,11 +158,8 @@ pub fn solve<R: RowSource>(
     Ok((solved, ridge.lambda))
 }
 
-/// Like [`solve`], from a known R factor. Singular values and a ridge by GCV use the R factor; every other
+/// Like [`solve`], from a known R factor. Singular values and a ridge by GCV use it; every other
 /// method with equal weights differs from QR only by rounding.
-///
-/// # Errors
-/// [`LeastSquaresError`] as in [`solve`].
 pub(crate) fn solve_r_factor(
     r_factor: &RFactor,
     method: Method,

@@ -1,11 +1,12 @@
 //! Iterative refinement: QR in `f64`, residuals in double-double.
 //!
-//! With `R` from a first pass and any `C`, the gradient `G = Xᵀ(Y − X·C)` gives the correction `R⁻¹R⁻ᵀ·G`:
-//! the corrected seminormal equations (Björck, Linear Algebra Appl. 88/89, 1987). `R` is the exact factor of
-//! a matrix within a small multiple of ε of `X`, so each correction reduces the error to a fraction of order
-//! ε·κ, however large the residual. The accuracy of the gradient limits the result. Therefore residuals and
-//! their sums are formed in double-double, from `C` in double-double. Then one correction gives every digit
-//! of an `f64` up to about κ = 10⁶; further passes follow if the error bound requires them.
+//! With `R` from a first pass and any `C`, the gradient `G = Xᵀ(Y − X·C)` gives the correction
+//! `R⁻¹R⁻ᵀ·G`: the corrected seminormal equations (Björck, Linear Algebra Appl. 88/89, 1987). `R`
+//! is the exact factor of a matrix within a small multiple of ε of `X`, so each correction leaves a
+//! share of order ε·κ of the error, however large the residual. The gradient limits the accuracy,
+//! so residuals and their sums are in double-double, from `C` in double-double. One correction
+//! gives every digit of an `f64` up to about κ = 10⁶; further passes follow if the error bound
+//! requires them.
 
 use faer::{Mat, MatRef};
 
@@ -63,7 +64,6 @@ impl Reduction for Gradient<'_> {
     }
 }
 
-/// Solves by QR and corrections.
 pub(super) fn solve<R: RowSource>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares, R::Error> {
     let shape = rows.shape();
     let Shape { features: p, outputs: q } = shape;
@@ -73,8 +73,7 @@ pub(super) fn solve<R: RowSource>(rows: &mut R, ridge: Ridge) -> Result<LeastSqu
     let penalties = ridge.penalties(&norms);
     let start = &solved.coefficients;
     let mut coefficients = WideMatrix::from_fn(p, q, |i, a| start[(i, a)].into());
-    // The fraction of the error that a correction leaves: a conservative estimate until one has been
-    // measured.
+    // Share of the error that a correction leaves: conservative until one has been measured.
     let mut contraction = 16.0 * p as f64 * f64::EPSILON * solved.condition;
     let mut before: Option<Vec<f64>> = None;
     let ill_conditioned =
@@ -122,9 +121,9 @@ pub(super) fn solve<R: RowSource>(rows: &mut R, ridge: Ridge) -> Result<LeastSqu
     Err(ill_conditioned.into())
 }
 
-/// Returns true if, for each coefficient, `contraction` times the last correction is below the resolution of
-/// `f64`. A coefficient that is zero except for rounding only needs a correction that is small relative to
-/// the other coefficients, with columns scaled to norm one.
+/// Returns true if, for each coefficient, `contraction` times the last correction is below the
+/// resolution of `f64`. A coefficient that is zero except for rounding only needs a correction that
+/// is small relative to the other coefficients, with columns scaled to norm one.
 fn is_settled(
     correction: MatRef<'_, f64>,
     coefficients: &WideMatrix,

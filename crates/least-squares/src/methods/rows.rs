@@ -19,10 +19,9 @@ pub struct RowChunk<'a> {
 }
 
 impl<'a> RowChunk<'a> {
-    /// Number of rows in a chunk of `columns` columns that fits in a core's private cache and is long enough
-    /// to make the overhead per chunk negligible.
+    /// Number of rows in a chunk of `columns` columns that fits in a core's private cache and is
+    /// long enough to make the overhead per chunk negligible.
     pub fn rows_in_cache(columns: usize) -> usize {
-        /// Size of a chunk, in bytes.
         const BYTES: usize = 1 << 18;
         (BYTES / (8 * columns.max(1))).max(4 * columns)
     }

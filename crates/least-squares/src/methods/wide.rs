@@ -1,5 +1,5 @@
-//! Methods in double-double. Normal equations: forming them costs no digit that an `f64` could hold.
-//! Householder QR, streamed over rows: slow, and correct to the last digit of an `f64` for any condition
+//! Methods in double-double. Normal equations cost no digit that an `f64` could hold. Householder
+//! QR, streamed over rows, is slow, and correct to the last digit of an `f64` for any condition
 //! number that `f64` data can have.
 
 use faer::Mat;
@@ -17,7 +17,6 @@ use crate::r_factor::{LeastSquares, LeastSquaresError, Ridge};
 pub(super) struct WideGram {
     shape: Shape,
     rows: u64,
-    /// Number of chunks and merges so far.
     additions: u64,
     products: Vec<DoubleDouble>,
 }
@@ -44,7 +43,6 @@ impl Reduction for WideGram {
 }
 
 impl WideGram {
-    /// The result for zero rows.
     pub(super) fn new(shape: Shape) -> Self {
         let n = shape.columns();
         Self { shape, rows: 0, additions: 0, products: vec![DoubleDouble::ZERO; n * (n + 1) / 2] }
@@ -55,8 +53,9 @@ impl WideGram {
         self.products[j * (j + 1) / 2 + i]
     }
 
-    /// The relative error of an element, with columns scaled to norm one: Dot2 within a chunk (n²·2⁻¹⁰⁶ for n
-    /// terms to a lane), and sums of double-doubles over chunks and in the Cholesky factorisation.
+    /// The relative error of an element, with columns scaled to norm one: Dot2 within a chunk
+    /// (n²·2⁻¹⁰⁶ for n terms to a lane), and sums of double-doubles over chunks and in the Cholesky
+    /// factorisation.
     fn rounding(&self) -> f64 {
         let chunk_rows = RowChunk::rows_in_cache(self.shape.columns()) as u64;
         let terms = chunk_rows.min(self.rows).div_ceil(LANES as u64) as f64 + 1.0;
@@ -64,13 +63,9 @@ impl WideGram {
         (terms * terms + 4.0 * sums) * (f64::EPSILON / 2.0).powi(2)
     }
 
-    /// Solves by Cholesky factorisation.
-    ///
-    /// Loss of rank is not distinguished from a condition number above the limit: the smallest gap between
-    /// columns of `f64`, squared, is below the rounding error of these sums.
-    ///
-    /// # Errors
-    /// [`LeastSquaresError`].
+    /// Solves by Cholesky factorisation. Loss of rank is not distinguished from a condition number
+    /// above the limit: the smallest gap between columns of `f64`, squared, is below the rounding
+    /// error of these sums.
     pub(super) fn solve(&self, ridge: Ridge) -> Result<LeastSquares, LeastSquaresError> {
         let Shape { features: p, outputs: q } = self.shape;
         ridge.check(self.rows, p, self.products.iter().all(|e| e.is_finite()))?;
@@ -158,16 +153,13 @@ impl Reduction for WideRFactor {
 }
 
 impl WideRFactor {
-    /// The result for zero rows.
     pub(super) fn new(shape: Shape) -> Self {
         let columns = shape.columns();
         Self { shape, rows: 0, r: WideMatrix::from_fn(columns, columns, |_, _| DoubleDouble::ZERO) }
     }
 
-    /// Factors the R factor with `rows` appended below.
-    ///
-    /// Column `k` of the stack is zero between its diagonal element and the rows below the R factor, so its
-    /// reflector only affects these rows.
+    /// Factors the R factor with `rows` appended below. Column `k` of the stack is zero between its
+    /// diagonal element and these rows, so its reflector only affects them.
     fn eliminate(&mut self, rows: WideColumns) {
         let n = self.shape.columns();
         let WideColumns { height, mut heads, mut tails } = rows;
@@ -198,10 +190,6 @@ impl WideRFactor {
         }
     }
 
-    /// Solves for the coefficients.
-    ///
-    /// # Errors
-    /// [`LeastSquaresError`].
     pub(super) fn solve(&self, ridge: Ridge) -> Result<LeastSquares, LeastSquaresError> {
         let Shape { features: p, outputs: q } = self.shape;
         ridge.check(self.rows, p, is_finite(&self.r))?;
@@ -243,8 +231,8 @@ impl WideRFactor {
             (solved.condition, solved.rank) = spectrum(&undamped)?;
             return Ok(solved);
         }
-        // If the residual is large, its contribution to the error grows with the square of the condition
-        // number (Björck 1996, §1.4.3). The limit keeps it below 1 %.
+        // If the residual is large, its contribution to the error grows with the square of the
+        // condition number (Björck 1996, §1.4.3). The limit keeps it below 1 %.
         let steepest = (0..q).map(|a| {
             let fitted: f64 = z.col_as_slice(a).iter().map(|e| e.to_f64() * e.to_f64()).sum();
             (solved.residual_products[(a, a)] / fitted.max(f64::MIN_POSITIVE)).sqrt()

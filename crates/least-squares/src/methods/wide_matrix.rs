@@ -1,7 +1,6 @@
-//! Double-double arithmetic: inner loops over rows, with heads and tails in separate columns; small matrices;
-//! and the solution from a wide R factor.
-//!
-//! Inner loops are compiled for the widest vectors of the machine, as in [`vectors`](crate::vectors).
+//! Double-double arithmetic: inner loops over rows, with heads and tails in separate columns,
+//! compiled as in [`vectors`](crate::vectors); small matrices; and the solution from a wide R
+//! factor.
 
 use faer::Mat;
 use pulp::Simd;
@@ -71,14 +70,13 @@ pub(super) fn solve_transposed(r: &WideMatrix, z: &WideMatrix) -> WideMatrix {
     c
 }
 
-/// Solves the least-squares problem that is reduced to `R`, p × p, including the rows of the ridge, and
-/// `Z = QᵀY`, p × q.
+/// Solves the problem that is reduced to `R`, p × p, with the rows of the ridge, and `Z = QᵀY`, p ×
+/// q.
 ///
-/// `resolution` is the largest singular value of `R`, with columns scaled to norm one, that rounding may
-/// produce from zero. The smallest singular value is computed from the inverse, which `f64` holds to full
-/// relative accuracy, so a condition number of 10²⁰ is reported as such.
-///
-/// `residual_products` computes `(Y − X·C)ᵀ(Y − X·C)` from `C`, q × q, without the part that is due to the
+/// `resolution` is the largest singular value of `R`, with columns scaled to norm one, that
+/// rounding may produce from zero. The smallest singular value is computed from the inverse, which
+/// `f64` holds to full relative accuracy, so a condition number of 10²⁰ is reported as such.
+/// `residual_products` computes `(Y − X·C)ᵀ(Y − X·C)`, q × q, without the part that is due to the
 /// ridge.
 pub(super) fn solve_triangle(
     r: &WideMatrix,
@@ -118,8 +116,8 @@ pub(super) fn solve_triangle(
     Ok(LeastSquares { coefficients, factor, residual_products, rows, condition, rank: p })
 }
 
-/// Condition number and rank of the upper triangle `r` with columns scaled to norm one, within the precision
-/// of `f64`. Used for problems that a ridge has made solvable.
+/// Condition number and rank of the upper triangle `r` with columns scaled to norm one, within the
+/// precision of `f64`. Used for problems that a ridge has made solvable.
 pub(super) fn spectrum(r: &Mat<f64>) -> Result<(f64, usize), LeastSquaresError> {
     condition_and_rank(&equilibrated(r.as_ref()).0, f64::EPSILON * r.ncols() as f64)
 }
@@ -158,7 +156,6 @@ impl LaneSums {
         DoubleDouble::from_sum(self.heads[0], self.tails[0])
     }
 
-    /// Adds the sums of `other`.
     pub(super) fn merge(&mut self, other: &Self) {
         (0..LANES).for_each(|lane| self.add(lane, other.heads[lane], other.tails[lane]));
     }
@@ -210,7 +207,6 @@ impl LaneSums {
                 if Y {
                     error = simd.mul_add_f64s(a, y_tails[i], error);
                 }
-                // The sum of two numbers and its rounding error.
                 let next = simd.add_f64s(sum, product);
                 let added = simd.sub_f64s(next, sum);
                 let of_sum = simd.sub_f64s(sum, simd.sub_f64s(next, added));
@@ -233,8 +229,8 @@ impl LaneSums {
     }
 }
 
-/// Computes `xᵀy` as if in double-double and rounded last: compensated summation (Ogita, Rump and Oishi, SIAM
-/// J. Sci. Comput. 26, 2005, algorithm Dot2) in [`LANES`] sums.
+/// Computes `xᵀy` as if in double-double and rounded last: compensated summation (Ogita, Rump and
+/// Oishi, SIAM J. Sci. Comput. 26, 2005, algorithm Dot2) in [`LANES`] sums.
 pub(super) fn dot(x: Wide<'_>, y: Wide<'_>) -> DoubleDouble {
     let mut sum = LaneSums::default();
     add_products(std::slice::from_mut(&mut sum), &[x], y);

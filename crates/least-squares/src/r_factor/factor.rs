@@ -1,9 +1,9 @@
 //! The R factor, and coefficients from it.
 //!
-//! Extreme singular values are found by Lanczos iteration. It finds the largest eigenvalue first, so it is
-//! applied to `RᵀR` for the largest singular value and to its inverse for the smallest (Golub & Van Loan, 4th
-//! ed., §10.1). Each vector is kept orthogonal to all previous ones. For the features of a polynomial some
-//! twenty vectors are enough, whereas computing all singular values takes as long as a refinement.
+//! Lanczos iteration finds the largest eigenvalue of `RᵀR` and of its inverse, and so the extreme
+//! singular values (Golub & Van Loan, 4th ed., §10.1). Each vector is kept orthogonal to all
+//! previous ones. Some twenty vectors are enough for a polynomial; all singular values would take
+//! as long as a refinement.
 
 use faer::linalg::{triangular_inverse, triangular_solve};
 use faer::{Mat, MatRef, Par};
@@ -14,8 +14,7 @@ use crate::symmetric::SymmetricMatrix;
 use crate::vectors::{add_multiple, dot};
 
 impl RFactor {
-    /// `R` and `Z` without the rows of `R` that are rounding errors. If fewer rows than features were added,
-    /// at most as many rows remain as were added.
+    /// `R` and `Z` without the rows of `R` that are rounding errors; at most as many as were added.
     pub fn significant_rows(&self) -> (Mat<f64>, Mat<f64>) {
         let (p, q) = (self.features, self.r.ncols() - self.features);
         // There are p reflections, each with a rounding error relative to the column.
@@ -36,19 +35,18 @@ impl RFactor {
         Self { rows: self.rows, ..Self::from_rows(&x, &y) }
     }
 
-    /// Solves for the coefficients.
-    ///
-    /// Singular values of the equilibrated `R` count as zero if rounding in the factorisation may have
-    /// produced them from zero. A ridge determines those directions, so rank is then only reported.
+    /// Solves for the coefficients. Singular values of the equilibrated `R` count as zero if
+    /// rounding may have produced them from zero. A ridge determines those directions, so rank is
+    /// then only reported.
     ///
     /// # Errors
-    /// [`LeastSquaresError`] if there are too few rows or dependent columns and no ridge, if the columns are
-    /// so nearly dependent that rounding may have left no correct digit of the coefficients, or if a value is
-    /// not finite.
+    /// [`LeastSquaresError`] if there are too few rows or dependent columns and no ridge, if the
+    /// columns are so nearly dependent that rounding may have left no correct digit of the
+    /// coefficients, or if a value is not finite.
     pub fn solve(&self, ridge: Ridge) -> Result<LeastSquares, LeastSquaresError> {
         let solved = self.solve_roughly(ridge)?;
-        // The relative error is about ε·κ·(1 + κ·‖r‖/‖D·C‖), with D the norms of columns (Björck 1996,
-        // theorem 1.4.6). A factor of sixteen allows for the constants in it.
+        // The relative error is about ε·κ·(1 + κ·‖r‖/‖D·C‖), with D the norms of columns (Björck
+        // 1996, theorem 1.4.6). A factor of sixteen allows for the constants in it.
         let steepest = (0..solved.coefficients.ncols()).map(|a| {
             let sizes = self.r().col_iter().zip(solved.coefficients.col(a).iter());
             let fitted = sizes.fold(0.0, |f: f64, (x, c)| f.hypot(x.norm_l2() * c));
@@ -95,8 +93,8 @@ impl RFactor {
         })
     }
 
-    /// The size that rounding can give a zero singular value, relative to the largest. Rounding errors add up
-    /// like a random walk, over the p columns and over the row blocks.
+    /// The size that rounding can give a zero singular value, relative to the largest. Rounding
+    /// errors add up like a random walk, over the p columns and over the row blocks.
     fn rounding(&self) -> f64 {
         const ROWS: f64 = 256.0;
         4.0 * f64::EPSILON * (self.features as f64 * (1.0 + self.rows as f64 / ROWS)).sqrt()
@@ -154,8 +152,7 @@ impl RFactor {
     }
 }
 
-/// The error for an upper triangular `R` with only `rank` independent columns, with the directions in which
-/// columns cancel.
+/// For an upper triangular `R` of rank `rank`, with the directions in which columns cancel.
 pub(crate) fn rank_deficient(r: MatRef<'_, f64>, rank: usize) -> LeastSquaresError {
     let columns = r.ncols();
     let Ok(svd) = equilibrated(r).0.svd() else { return LeastSquaresError::NotFinite };
@@ -164,14 +161,14 @@ pub(crate) fn rank_deficient(r: MatRef<'_, f64>, rank: usize) -> LeastSquaresErr
     LeastSquaresError::RankDeficient { rank, columns, null_space, r_factor }
 }
 
-/// Scales the columns of a matrix to norm one. Returns the divisors too. Columns of zeros stay unchanged.
+/// Scales the columns of a matrix to norm one. Returns the divisors too. Columns of zeros stay
+/// unchanged.
 pub(crate) fn equilibrated(matrix: MatRef<'_, f64>) -> (Mat<f64>, Vec<f64>) {
     let unit = |norm: f64| if norm > 0.0 { norm } else { 1.0 };
     let norms: Vec<f64> = matrix.col_iter().map(|column| unit(column.norm_l2())).collect();
     (Mat::from_fn(matrix.nrows(), matrix.ncols(), |i, j| matrix[(i, j)] / norms[j]), norms)
 }
 
-/// Maximum number of Lanczos vectors.
 const MOST_VECTORS: usize = 100;
 
 /// Number of vectors between convergence checks.
@@ -183,8 +180,8 @@ const SETTLED: f64 = 1e-13;
 /// The largest number of columns for which computing all singular values is fast.
 const FEW_COLUMNS: usize = 100;
 
-/// The condition number of an upper triangular matrix, and the number of its singular values above a fraction
-/// `tolerance` of the largest. All singular values are computed only if one may be zero.
+/// The condition number of an upper triangular matrix, and the number of its singular values above
+/// a fraction `tolerance` of the largest. All singular values are computed only if one may be zero.
 pub(crate) fn condition_and_rank(
     matrix: &Mat<f64>,
     tolerance: f64,
@@ -203,8 +200,7 @@ pub(crate) fn condition_and_rank(
     Ok((largest / smallest, values.iter().filter(|&&value| value > tolerance * largest).count()))
 }
 
-/// The smallest and the largest singular value of an upper triangular matrix; `None` if the iteration has not
-/// converged, or the matrix is singular.
+/// Smallest and largest singular value; `None` without convergence, or for a singular matrix.
 fn by_recursion(r: &Mat<f64>) -> Option<[f64; 2]> {
     let column = |j: usize| contiguous(r.col(j));
     let multiply = |x: &mut [f64]| {
@@ -285,9 +281,6 @@ mod tests {
     ///
     /// # Errors
     /// As [`RFactor::solve`].
-    ///
-    /// # Panics
-    /// If `x` and `y` differ in their number of rows.
     fn least_squares(
         x: MatRef<'_, f64>,
         y: MatRef<'_, f64>,
@@ -452,7 +445,7 @@ mod tests {
         }
     }
 
-    /// Columns of norm one with the angles of random columns that differ by `apart` from a common column.
+    /// Columns of norm one that differ by `apart` from a common column.
     fn upper(size: usize, apart: f64, seed: u64) -> Mat<f64> {
         let mut random = Random(seed);
         let mut r = Mat::from_fn(size, size, |i, j| match (i, i <= j) {

@@ -1,8 +1,7 @@
-//! Householder QR of an R factor with rows below it.
-//!
-//! The QR of faer (0.24) is not used: it drops a column, and shifts the later rows, if the part of the column
-//! that is independent of earlier columns is less than 16·n·2⁻⁵² of its norm. With a thousand rows to a
-//! block, that is a silent loss of rank at a condition number of 10¹¹.
+//! Householder QR of an R factor with rows below it. faer's QR (0.24) is not used: it drops a
+//! column, and shifts the later rows, if the part of the column that is independent of earlier ones
+//! is below 16·n·2⁻⁵² of its norm. With a thousand rows to a block, that is a silent loss of rank
+//! at a condition number of 10¹¹.
 
 use std::ops::Range;
 
@@ -38,8 +37,7 @@ impl RFactor {
         Self { features, rows: 0, r: Mat::zeros(order, order) }
     }
 
-    /// The R factor of `rows` rows from an upper triangular matrix of order p + q, as [`RFactor::whole`]
-    /// returns it.
+    /// The R factor of `rows` rows from a matrix that [`RFactor::whole`] returned.
     ///
     /// # Panics
     /// If the matrix is not square, or its order is less than `features`.
@@ -64,9 +62,7 @@ struct Workspace {
     rows: usize,
     /// The rows of a block, column-major.
     block: Vec<f64>,
-    /// `T` of a panel, [`PANEL`] × [`PANEL`].
     compact: Mat<f64>,
-    /// The update of later columns, 2·[`PANEL`] × order.
     update: Mat<f64>,
 }
 
@@ -79,10 +75,9 @@ impl RFactor {
         rows_of(BLOCK_BYTES).max(rows).max(1)
     }
 
-    /// Adds `rows` rows, in blocks that fit in the cache.
-    ///
-    /// `fill` receives the range of rows of a block and the columns of `[X | Y]`, column `j` at
-    /// `[j·stride ..][..rows.len()]`, and must write all elements.
+    /// Adds `rows` rows, in blocks that fit in the cache. `fill` receives the range of rows of a
+    /// block and the columns of `[X | Y]`, column `j` at `[j·stride ..][..rows.len()]`, and must
+    /// write all elements.
     pub fn absorb(&mut self, rows: usize, mut fill: impl FnMut(Range<usize>, &mut [f64], usize)) {
         let mut workspace = Workspace::new(self.block_rows(), self.r.ncols());
         for start in (0..rows).step_by(workspace.rows) {
@@ -132,13 +127,12 @@ impl RFactor {
         self.factor_below(rows, &mut workspace);
     }
 
-    /// Factors the R factor with the rows of the workspace below it. The first `end` columns are zero after
-    /// the first `rows(end)` of those rows.
-    ///
-    /// Column `k` of that stack has a diagonal element, zeros, and a column of the block. So its reflector is
-    /// one on row `k` of the R factor, zero on the other rows, and `v` on the block. The product of the
-    /// reflectors of a panel is `I − V·T·Vᵀ`, with an identity on top of `V` (the compact form of Schreiber
-    /// and Van Loan, SIAM J. Sci. Stat. Comput. 10, 1989).
+    /// Factors the R factor with the rows of the workspace below it. The first `end` columns are
+    /// zero after the first `rows(end)` of those rows. Column `k` of that stack has a diagonal
+    /// element, zeros, and a column of the block, so its reflector is one on row `k` of the R
+    /// factor, zero on the other rows, and `v` on the block. The product of the reflectors of a
+    /// panel is `I − V·T·Vᵀ`, with an identity on top of `V` (the compact form of Schreiber and Van
+    /// Loan, SIAM J. Sci. Stat. Comput. 10, 1989).
     fn factor_below(&mut self, rows: impl Fn(usize) -> usize, workspace: &mut Workspace) {
         let order = self.r.nrows();
         let Workspace { rows: stride, block, compact, update, .. } = workspace;
@@ -168,8 +162,8 @@ impl RFactor {
         }
     }
 
-    /// Factors the columns of a panel, from column `start` of the stack on. Replaces them with the reflectors
-    /// and writes `T` to `compact`.
+    /// Factors the columns of a panel, from column `start` of the stack on. Replaces them with the
+    /// reflectors and writes `T` to `compact`.
     fn factor_panel(&mut self, start: usize, mut panel: MatMut<'_, f64>, compact: &mut Mat<f64>) {
         let width = panel.ncols();
         for k in 0..width {

@@ -1,20 +1,18 @@
 //! Least squares by Householder QR streamed over row blocks (TSQR), for any dense problem.
 //!
-//! The method keeps only the R factor of the QR factorisation of the rows `[X | Y]` so far,
+//! The method keeps only the R factor of the rows `[X | Y]` so far,
 //!
 //! ```text
 //! [X | Y] = Q · | R  Z |      R p × p, Z = QᵀY p × q, E q × q
 //!               | 0  E |
 //! ```
 //!
-//! so memory does not grow with the number of rows. Further rows are put below the R factor and the stack is
-//! factored again; two R factors merge in the same way (Demmel, Grigori, Hoemmen, Langou, SIAM J. Sci.
-//! Comput. 34, 2012). `R·C = Z` solves `min ‖X·C − Y‖`, and `EᵀE` is the matrix of sums of squares and
-//! products of the residuals, with the relative accuracy of a QR factorisation. The factorisation does not
-//! depend on the scaling of columns. Rank and condition number refer to the column-equilibrated `R`, whose
-//! columns have norm one.
-//!
-//! Omitted: pivoting, because a loss of rank is an error here and not worked around.
+//! so memory does not grow with the number of rows. Further rows are put below it and the stack is
+//! factored again; two R factors merge in the same way (Demmel, Grigori, Hoemmen, Langou, SIAM J.
+//! Sci. Comput. 34, 2012). `R·C = Z` solves `min ‖X·C − Y‖`, and `EᵀE` are the sums of squares and
+//! products of the residuals, with the relative accuracy of a QR factorisation. The factorisation
+//! does not depend on the scaling of columns; rank and condition number refer to `R` with columns
+//! of norm one. There is no pivoting, because a loss of rank is an error here.
 
 mod factor;
 mod householder;
@@ -85,8 +83,8 @@ pub enum LeastSquaresError {
 /// A penalty on the size of the coefficients.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ridge {
-    /// λ ≥ 0: minimises `‖X·C − Y‖² + λ·‖D·C‖²` with `D` the norms of the columns of `X`, so λ has no unit
-    /// and has the same effect for any number of rows.
+    /// λ ≥ 0: minimises `‖X·C − Y‖² + λ·‖D·C‖²` with `D` the norms of the columns of `X`, so λ has
+    /// no unit and has the same effect for any number of rows.
     pub lambda: f64,
     /// The column that is not penalised: the intercept.
     pub free_column: Option<usize>,
@@ -96,11 +94,8 @@ impl Ridge {
     /// No penalty.
     pub const NONE: Ridge = Ridge { lambda: 0.0, free_column: None };
 
-    /// Checks that `rows` rows can determine the coefficients of `columns` columns, and that their sums are
+    /// Checks that `rows` rows can determine `columns` coefficients, and that their sums are
     /// finite.
-    ///
-    /// # Errors
-    /// [`LeastSquaresError::TooFewRows`], [`LeastSquaresError::NotFinite`].
     pub(crate) fn check(
         self,
         rows: u64,

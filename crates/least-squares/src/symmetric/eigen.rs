@@ -1,9 +1,7 @@
-//! Eigenvalues and eigenvectors, by tridiagonalisation and implicit QL steps (Bowdler, Martin, Reinsch &
-//! Wilkinson, Numer. Math. 11, 1968).
-//!
-//! Values are accurate to a few rounding errors of the largest. The matrix of eigenvectors is kept as a
-//! product of Householder reflections and rotations: transforming a few vectors with it and back costs less
-//! than forming the matrix.
+//! Eigenvalues and eigenvectors, by tridiagonalisation and implicit QL steps (Bowdler, Martin,
+//! Reinsch & Wilkinson, Numer. Math. 11, 1968), accurate to a few rounding errors of the largest.
+//! The matrix of eigenvectors stays a product of Householder reflections and rotations, which
+//! transforms a few vectors at less cost than forming it.
 
 use super::{SymmetricMatrix, add_multiple, product};
 use shell_data::vectorised;
@@ -61,7 +59,6 @@ impl Eigen {
 }
 
 vectorised! {
-    /// The diagonal, the subdiagonal, and the reflections that produce them.
     fn tridiagonal(a: &mut SymmetricMatrix) -> (Vec<f64>, Vec<f64>, Vec<Reflection>) {
         let size = a.size;
         let mut rest = a.upper.as_mut_slice();
@@ -82,13 +79,13 @@ vectorised! {
     }
 }
 
-/// Turns the diagonal into the eigenvalues. Returns the rotations, or `None` if a value is not finite.
+/// Turns the diagonal into the eigenvalues; `None` if a value is not finite.
 fn implicit_ql(diagonal: &mut [f64], beside: &mut Vec<f64>) -> Option<Vec<(usize, f64, f64)>> {
     let size = diagonal.len();
     beside.resize(size, 0.0);
     let mut rotations = Vec::with_capacity(2 * size * size);
-    // The threshold is relative to the whole matrix: with low rank, the rounding errors that remain have no
-    // correct digits and do not converge.
+    // The threshold is relative to the whole matrix: with low rank, the rounding errors that remain
+    // have no correct digits and do not converge.
     let sums = diagonal.iter().zip(&*beside).map(|(d, e)| d.abs() + e.abs());
     let zero = f64::EPSILON * sums.fold(0.0, f64::max);
     for first in 0..size {

@@ -1,8 +1,7 @@
-//! Symmetric and triangular matrices with a fixed order of summation: the same bits on every machine.
-//!
-//! The results of faer depend on the vector width of the processor. Here vectors hold neighbouring elements
-//! of a row, and products are rounded, because WebAssembly has no fused multiply-add. (Golub & Van Loan, 4th
-//! ed., §§3.1, 4.2, 5.2 and 8.3.)
+//! Symmetric and triangular matrices with a fixed order of summation: the same bits on every
+//! machine, whereas faer's results depend on the vector width. Vectors hold neighbouring elements
+//! of a row, and products are rounded, because WebAssembly has no fused multiply-add. (Golub & Van
+//! Loan, 4th ed., §§3.1, 4.2, 5.2 and 8.3.)
 
 mod eigen;
 mod squares;
@@ -21,7 +20,6 @@ pub struct SymmetricMatrix {
     upper: Vec<f64>,
 }
 
-/// The position of the first element of a row of an upper triangle.
 fn first(size: usize, row: usize) -> usize {
     row * (2 * size + 1 - row) / 2
 }
@@ -158,8 +156,7 @@ impl UpperTriangle {
         self.0.row_mut(row)
     }
 
-    /// Computes `T` with `T·Tᵀ = MᵀM` from the rows of `M`, by Householder reflections of `M` with its
-    /// columns reversed.
+    /// Computes `T` with `T·Tᵀ = MᵀM` from the rows of `M`, by Householder reflections.
     pub fn root_of_squares(rows: &[Vec<f64>], size: usize) -> Self {
         let backwards = (0..size).rev();
         let mut columns: Vec<Vec<f64>> =

@@ -1,6 +1,5 @@
-//! Subtraction of the squares `x·xᵀ` of vectors from a symmetric matrix.
-//!
-//! Takes four vectors at a time, in their order, independent of the size of the tiles.
+//! Subtraction of the squares `x·xᵀ` of vectors from a symmetric matrix, four at a time, in their
+//! order.
 
 use std::ops::Range;
 
@@ -21,7 +20,7 @@ vectorised! {
     pub(super) fn subtract_squares<S: Simd>(simd: S, from: &mut SymmetricMatrix, vectors: &[Vec<f64>]) {
         let bands = from.size.div_ceil(TILE_COLUMNS);
         let at_once = VECTORS_AT_ONCE.min(vectors.len()).max(1);
-        // Each band of columns contains that band of every vector, with zeros beyond the last column.
+        // A band of columns contains that band of every vector, with zeros beyond the last.
         let mut packed = vec![[0.0; TILE_COLUMNS]; bands * at_once];
         for of in vectors.chunks(at_once) {
             for (position, x) in of.iter().enumerate() {

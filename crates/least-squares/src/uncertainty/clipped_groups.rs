@@ -1,15 +1,11 @@
 //! Standard errors and intervals by group for a fit by Huber's M-estimator.
 //!
 //! The solution satisfies `Σ ψ(rᵢ/σ)·xᵢ = 0`, so least squares with the pseudo-responses
-//!
-//! ```text
-//! yᵢ* = xᵢᵀC + σ·ψ(rᵢ/σ) / mean ψ'
-//! ```
-//!
-//! gives the same coefficients, and the scatter of its scores over groups is the sandwich of the M-estimator:
-//! `(Σψ'xxᵀ)⁻¹ (Σ_g s_g·s_gᵀ) (Σψ'xxᵀ)⁻¹`, with `s_g` a group's sum of `σ·ψ·x` (Huber, Robust Statistics,
-//! 1981, §7.6, with groups instead of rows). The errors on a held-out group come from a fit to all other
-//! groups and are not clipped, because an interval must cover rows as they are.
+//! `yᵢ* = xᵢᵀC + σ·ψ(rᵢ/σ) / mean ψ'` gives the same coefficients, and the scatter of its scores
+//! over groups is the sandwich of the M-estimator: `(Σψ'xxᵀ)⁻¹ (Σ_g s_g·s_gᵀ) (Σψ'xxᵀ)⁻¹`, with
+//! `s_g` a group's sum of `σ·ψ·x` (Huber, Robust Statistics, 1981, §7.6, with groups instead of
+//! rows). The errors on a held-out group come from a fit to all other groups and are not clipped,
+//! because an interval must cover rows as they are.
 
 use super::covariance::Covariance;
 use super::new_groups::{of_scores, score_on};
@@ -25,8 +21,8 @@ use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
 
 impl Covariance {
-    /// The covariance of a solution by Huber's M-estimator of all rows of `block`, with errors that are
-    /// correlated within its groups. `ridge` is the requested value.
+    /// The covariance of a solution by Huber's M-estimator of all rows of `block`, with errors that
+    /// are correlated within its groups. `ridge` is the requested value.
     ///
     /// # Errors
     /// [`FitError`] if there are too few groups, or the model cannot be fitted without one of them.
@@ -52,7 +48,6 @@ impl Covariance {
     }
 }
 
-/// The rows by group, relative to a common centre.
 fn factored(block: &Block, solution: &Solution) -> Result<FactoredGroups, FitError> {
     let scaling = Scaling::from_sample(&block.readings, true);
     let mut groups = GroupFactors::new(solution.model, scaling);
@@ -79,7 +74,6 @@ fn clipped(block: &Block, solution: &Solution) -> Result<Block, FitError> {
     Ok(pseudo)
 }
 
-/// The rows of all groups but one.
 fn without(block: &Block, label: &str) -> Block {
     let keep: Vec<bool> = (block.groups.iter())
         .flat_map(|(of_run, rows)| std::iter::repeat_n(of_run != label, *rows))
@@ -168,13 +162,13 @@ mod tests {
         };
         let clean = wild_block(30, 0.0);
         let ratio = errors(&clean, SolverKind::Huber) / errors(&clean, SolverKind::RefinedTsqr);
-        // For normal errors the variance of the M-estimator is 1/0.95 times as large. Thirty groups determine
-        // it to 13 % or so; both fits use the same rows.
+        // For normal errors the variance of the M-estimator is 1/0.95 times as large. Thirty groups
+        // determine it to 13 % or so; both fits use the same rows.
         assert!((0.8..1.3).contains(&ratio), "{ratio}");
         let wild = wild_block(30, 40.0);
         let ratio = errors(&wild, SolverKind::Huber) / errors(&clean, SolverKind::Huber);
-        // With 5 % outliers the variance is 1.3 times as large (Huber 1964); for plain least squares it is
-        // some tens of times as large.
+        // With 5 % outliers the variance is 1.3 times as large (Huber 1964); for plain least
+        // squares it is some tens of times as large.
         assert!(ratio < 2.0, "{ratio}");
         assert!(errors(&wild, SolverKind::RefinedTsqr) > 3.0 * errors(&wild, SolverKind::Huber));
     }

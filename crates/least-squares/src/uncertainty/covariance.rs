@@ -56,16 +56,16 @@ pub enum CoefficientCovariance {
         /// `T` for each axis.
         #[serde(with = "by_axis")]
         factors: PerAxis<TriangularColumns>,
-        /// Satterthwaite's degrees of freedom of the variance of each coefficient, the same for all axes;
-        /// absent in files of earlier versions, with a ridge, and for models of several hundred features.
+        /// Satterthwaite's degrees of freedom of the variance of each coefficient, the same for all
+        /// axes; absent in files of earlier versions, with a ridge, and for models of several
+        /// hundred features.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         degrees_of_freedom: Option<Vec<f64>>,
     },
 }
 
 impl Covariance {
-    /// The covariance of a solution with independent errors of rows; `None` if there are no more rows than
-    /// coefficients.
+    /// For independent errors of rows; `None` if there are no more rows than coefficients.
     pub fn from_rows(solution: &Solution) -> Option<Self> {
         let factor = &solution.factor;
         let degrees_of_freedom =
@@ -85,9 +85,9 @@ impl Covariance {
         })
     }
 
-    /// The covariance of the fit of `model` to all rows of `sums`, with errors that are correlated within its
-    /// groups. `ridge` is as in [`ExactSums::solve`](crate::exact::ExactSums::solve). With `are_stretches`,
-    /// groups are blocks of time without other differences.
+    /// The covariance of the fit of `model` to all rows of `sums`, with errors that are correlated
+    /// within its groups. `ridge` is as in [`ExactSums::solve`](crate::exact::ExactSums::solve).
+    /// With `are_stretches`, groups are blocks of time without other differences.
     ///
     /// # Errors
     /// [`FitError`] if there are too few groups, or the model cannot be fitted without one of them.
@@ -102,8 +102,8 @@ impl Covariance {
         let fit = whole.solve(model, ridge)?;
         let (found, groups) = (fit.scatter(&sums.groups, true)?, &sums.groups);
         let intervals = if are_stretches {
-            // These are the standard errors of the fit to all rows, which one stretch hardly changes. For
-            // poly3, 40 scatters of 39 stretches would take most of the time of a fit.
+            // Standard errors of the fit to all rows, which one block of time hardly changes: for
+            // poly3, 40 scatters of 39 blocks would take most of the time of a fit.
             let (parts, variances) = (sums.partitioned(model)?, fit.variances(&found, groups));
             of_scores(groups.len(), workers, |group| {
                 let errors = errors_on(&parts, &groups[group].1, ridge).ok()?;
@@ -116,10 +116,10 @@ impl Covariance {
         Ok(Self::from_scatter(found, whole.rows(), intervals))
     }
 
-    /// Like [`Covariance::from_groups`], for a solution by `method`, from R factors of its rows: for rows
-    /// that cannot be summed exactly, and methods that cannot use sums. `ridge` is the requested value. If
-    /// groups are blocks of time, `files` lists the ranges of groups that are held out together, such as
-    /// whole files.
+    /// Like [`Covariance::from_groups`], for a solution by `method`, from R factors of its rows:
+    /// for rows that cannot be summed exactly, and methods that cannot use sums. `ridge` is the
+    /// requested value. If groups are blocks of time, `files` lists the ranges of groups that are
+    /// held out together, such as whole files.
     ///
     /// # Errors
     /// As [`Covariance::from_groups`].
@@ -141,8 +141,8 @@ impl Covariance {
                     score_on(rows, group, &fit, &scatter)
                 })
             }
-            // Rows of one file have more in common than rows of two files. The expected error of a stretch
-            // comes from the fit to all rows.
+            // Rows of one file have more in common than rows of two. The expected error of a block
+            // of time comes from the fit to all rows.
             Some(files) => {
                 let others = rows.merged(files).without_each()?;
                 let of_file = |file: usize| {
@@ -161,8 +161,7 @@ impl Covariance {
         })
     }
 
-    /// Like [`Covariance::from_groups`], from R factors, with the intervals that `intervals` computes from
-    /// the scatter.
+    /// From R factors, with the intervals that `intervals` computes from the scatter.
     pub(super) fn from_r_factors(
         rows: &FactoredGroups,
         solution: &Solution,
@@ -216,9 +215,9 @@ impl Covariance {
         }))
     }
 
-    /// The degrees of freedom of the variance `‖Tᵀx‖²` that the coefficients contribute to a combination `x` of
-    /// features, per axis: exact for a single coefficient, otherwise the harmonic mean over the coefficients,
-    /// weighted by the variance that each contributes alone.
+    /// The degrees of freedom of the variance `‖Tᵀx‖²` that the coefficients contribute to a
+    /// combination `x` of features, per axis: exact for a single coefficient, otherwise the
+    /// harmonic mean over the coefficients, weighted by the variance that each contributes alone.
     pub fn degrees_of_combination(&self, x: &[f64]) -> PerAxis<f64> {
         let all = self.degrees_of_freedom as f64;
         let CoefficientCovariance::Groups { factors, degrees_of_freedom: Some(each), .. } =

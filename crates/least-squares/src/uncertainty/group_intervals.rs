@@ -1,12 +1,12 @@
 //! Intervals from errors on held-out groups.
 //!
-//! A group is one observation, however many rows it has. The score of a row is its error in standard errors.
-//! With G groups, each group has the mass `1/(G + 1)`, spread evenly over its rows, and the remaining mass,
-//! for a new group, is at infinity. The quantile of level L of that distribution covers the score of a row of
-//! a new group with a probability of at least L, for any distribution of errors, if groups are exchangeable
-//! (Lee, Barber & Willett, arXiv:2306.06342, hierarchical conformal prediction; Lei et al., J. Am. Stat.
-//! Assoc. 113, 2018, §2.2 and 5.2, with one row per group). With scores of models that were trained without a
-//! fold instead of a single group, the coverage is nearly the same.
+//! A group is one observation, however many rows it has. The score of a row is its error in
+//! standard errors. Each of G groups has the mass `1/(G + 1)`, spread evenly over its rows; the
+//! rest, for a new group, is at infinity. The quantile of level L covers the score of a row of a
+//! new group with a probability of at least L, for any distribution of errors, if groups are
+//! exchangeable (Lee, Barber & Willett, arXiv:2306.06342, hierarchical conformal prediction; Lei et
+//! al., J. Am. Stat. Assoc. 113, 2018, §2.2 and 5.2, with one row per group). With models trained
+//! without a fold instead of a single group, the coverage is nearly the same.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -64,8 +64,9 @@ impl Scores {
         Self(others.map(|(&group, scores)| (group, scores.clone())).collect())
     }
 
-    /// Divides the scores of each axis by their root mean square, with the same weight for each group. The
-    /// existing standard errors count as `prior` groups with a mean square of one. Returns the divisors.
+    /// Divides the scores of each axis by their root mean square, with the same weight for each
+    /// group. The existing standard errors count as `prior` groups with a mean square of one.
+    /// Returns the divisors.
     pub fn rescale(&mut self, prior: f64) -> PerAxis<f64> {
         let count = prior + self.0.len() as f64;
         let mean_square = |scores: &Vec<f64>| {
@@ -135,9 +136,9 @@ fn size_that_holds(scores: &[PerAxis<(f64, f64)>], axis: usize, level: f64) -> f
     at
 }
 
-/// The share of the variance of values that lies between files rather than within them: the intraclass
-/// correlation of the analysis of variance (Searle, Casella & McCulloch, Variance Components, 1992, §3.6),
-/// from 0 to 1.
+/// The share of the variance of values that lies between files rather than within them: the
+/// intraclass correlation of the analysis of variance (Searle, Casella & McCulloch, Variance
+/// Components, 1992, §3.6), from 0 to 1.
 fn share_between(files: &[Vec<f64>]) -> f64 {
     let sizes = || files.iter().map(|file| file.len() as f64);
     let (n, count) = (sizes().sum::<f64>(), files.len() as f64);
@@ -179,10 +180,9 @@ fn quantiles(scores: &[(f64, f64)], levels: &[f64]) -> Vec<f64> {
 }
 
 impl GroupIntervals {
-    /// Computes the intervals from the errors of every held-out group in standard errors: the magnitude of
-    /// their mean, and their scatter around it, which is assumed to be normal. The size is interpolated
-    /// linearly between the levels `k/(G + 1)` that G groups provide. Omits levels that need more than is
-    /// known.
+    /// Computes the intervals from the errors of every held-out group in standard errors: magnitude
+    /// of the mean, and scatter around it, assumed to be normal. Interpolates linearly between the
+    /// levels `k/(G + 1)` that G groups provide; omits levels that need more.
     pub fn from_groups(scores: &[PerAxis<(f64, f64)>]) -> Self {
         let groups = scores.len();
         let mut levels = levels_known(groups);
@@ -197,11 +197,12 @@ impl GroupIntervals {
         Self { groups, levels, factors }
     }
 
-    /// Computes the intervals from the errors on stretches of held-out files, in standard errors. Stretches
-    /// of one file may have more in common than stretches of two: the share ρ of their squared errors that
-    /// differs from file to file is known from as many observations as there are files. With F files, squared
-    /// sizes are therefore larger by `1 + ρ·((t/z)² − 1)`, with the quantiles t of Student's distribution with
-    /// F − 1 degrees of freedom and z of the normal distribution.
+    /// Computes the intervals from the errors on blocks of time of held-out files, in standard
+    /// errors. Blocks of one file may have more in common than blocks of two: the share ρ of their
+    /// squared errors that differs from file to file is known from as many observations as there
+    /// are files. With F files, squared sizes are therefore larger by `1 + ρ·((t/z)² − 1)`, with
+    /// the quantiles t of Student's distribution with F − 1 degrees of freedom and z of the normal
+    /// distribution.
     pub fn from_files(scores: &[Vec<PerAxis<(f64, f64)>>]) -> Self {
         let mut intervals = Self::from_groups(&scores.concat());
         if scores.len() < 2 {
@@ -266,8 +267,7 @@ mod tests {
             let found = intervals.factors(level).unwrap()[3];
             assert!((found - expected).abs() < 1e-12, "{found}");
         }
-        // Many groups that scatter around zero give quantiles of the normal distribution, except for 1/(G +
-        // 1).
+        // Scattered around zero, many groups give normal quantiles, except for 1/(G + 1).
         let many = vec![[(0.0, 2.0); 6]; 100_000];
         let found = GroupIntervals::from_groups(&many).factors(0.95).unwrap()[0];
         assert!((found - 2.0 * 1.959_964).abs() < 1e-3, "{found}");

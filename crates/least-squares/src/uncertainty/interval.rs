@@ -1,24 +1,23 @@
 //! Prediction intervals: the number of standard errors for a given coverage.
 //!
-//! For normal errors that is the quantile of Student's t. Errors of a calibration are not normal: where the
-//! model does not fit, such as at a hard tap or at an extreme pose, errors are far larger than elsewhere, and
-//! intervals from the normal distribution cover too much (97 % instead of 95 %, on the sensor model). So the
-//! shape is measured. Let `q(L)` be the size below which a fraction L of the training errors lies, over their
-//! root mean square. The interval of level L is
+//! For normal errors that is the quantile of Student's t. Where the model does not fit, such as at
+//! a hard tap or an extreme pose, errors are far larger, and normal intervals cover too much (97 %
+//! instead of 95 %, on the sensor model). So the shape is measured. Let `q(L)` be the size below
+//! which a share L of the training errors lies, over their root mean square. The interval of level
+//! L is
 //!
 //! ```text
 //! prediction ± q(L)·t_ν(L)/z(L)·se
 //! ```
 //!
-//! with z and `t_ν` the two-sided quantiles of the normal distribution and of Student's t with ν degrees of
-//! freedom. For normal errors `q = z`, which gives the textbook formula.
+//! with z and `t_ν` the two-sided quantiles of the normal distribution and of Student's t with ν
+//! degrees of freedom. For normal errors `q = z`, which gives the textbook formula.
 
 use super::group_intervals::TooFewGroups;
 use super::quantile::normal_quantile;
 use crate::magnitudes::Magnitudes;
 use shell_data::wrench::PerAxis;
 
-/// The levels at which the shape is stored.
 const LEVELS: [f64; 12] = [0.1, 0.25, 0.5, 0.683, 0.8, 0.9, 0.95, 0.975, 0.99, 0.995, 0.998, 0.999];
 
 /// The highest level of an interval; higher levels would depend on a handful of rows.
@@ -27,8 +26,8 @@ pub const HIGHEST_LEVEL: f64 = 0.999;
 /// The reason why there is no interval.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum NoIntervals {
-    /// Rows of one pose are correlated, and intervals that count each row as an observation have far less
-    /// coverage than their level.
+    /// Rows of one pose are correlated; if each row counts as an observation, intervals have far
+    /// too little coverage.
     #[error(
         "no groups were held out, so an interval would be too narrow: rows of one pose are not independent"
     )]
@@ -49,8 +48,7 @@ pub struct ErrorShape {
 }
 
 impl ErrorShape {
-    /// The shape of errors whose sizes were counted in units of `unit[axis]`; `rms` is their root mean
-    /// square, in N and N·m.
+    /// From sizes counted in units of `unit[axis]`; `rms` is their root mean square, in N and N·m.
     pub fn from_errors(
         sizes: &PerAxis<Magnitudes>,
         unit: &PerAxis<f64>,

@@ -1,30 +1,29 @@
 //! Standard errors of converted samples.
 //!
-//! With residual covariance `S` over the axes and `F·Fᵀ = (XᵀX)⁻¹`, the covariance of the coefficients of
-//! axes `a` and `b` is `S[a][b]·F·Fᵀ`. The error of a new sample with features `x` consists of noise and of
-//! the error of the coefficients. A tare subtracts the mean of `n` frames with mean features `x₀`, which adds
-//! their noise and removes the common part of both (Draper & Smith, Applied Regression Analysis, 3rd ed.,
-//! §1.4, §8.1):
+//! With residual covariance `S` over the axes and `F·Fᵀ = (XᵀX)⁻¹`, the covariance of the
+//! coefficients of axes `a` and `b` is `S[a][b]·F·Fᵀ`. The error of a new sample with features `x`
+//! consists of noise and of the error of the coefficients. A tare subtracts the mean of `n` frames
+//! with mean features `x₀`, which adds their noise and removes the common part of both (Draper &
+//! Smith, Applied Regression Analysis, 3rd ed., §1.4, §8.1):
 //!
 //! ```text
-//! untared   se² = S[a][a]·(1 + ‖Fᵀx‖²)
-//! tared     se² = S[a][a]·(1 + 1/n + ‖Fᵀ(x − x₀)‖²)
+//! untared se² = S[a][a]·(1 + ‖Fᵀx‖²)
+//! tared se² = S[a][a]·(1 + 1/n + ‖Fᵀ(x − x₀)‖²)
 //! ```
 //!
-//! This holds for errors that are independent between rows. Rows of one pose are not independent: they share
-//! place, creep and angle, and a hundred of them contain little more information than ten. If rows come in
-//! groups, each axis `a` has a separate covariance, `T·Tᵀ`, from the scatter of the groups (see
-//! [`GroupScatter`](crate::sandwich::GroupScatter)), and
+//! This holds for errors that are independent between rows. Rows of one pose are not: they share
+//! place, creep and angle. If rows come in groups, each axis `a` has a separate covariance, `T·Tᵀ`,
+//! from the scatter of the groups (see [`GroupScatter`](crate::sandwich::GroupScatter)), and
 //!
 //! ```text
-//! untared   se² = S[a][a] + ‖Tᵀx‖²
-//! tared     se² = S[a][a]·(1 + ρ + (1 − ρ)/n) + ‖Tᵀ(x − x₀)‖²
+//! untared se² = S[a][a] + ‖Tᵀx‖²
+//! tared se² = S[a][a]·(1 + ρ + (1 − ρ)/n) + ‖Tᵀ(x − x₀)‖²
 //! ```
 //!
-//! with ρ the fraction of the squared errors that the rows of a group share: the error of the tare's pose is
-//! not noise, and does not decrease with more frames. There are G − 1 degrees of freedom for G groups
-//! (Bester, Conley & Hansen, J. Econometrics 165, 2011; Cameron & Miller, J. Human Resources 50, 2015, §VI).
-//! With a ridge, `F` and `T` include it, but not the bias that it causes.
+//! with ρ the share of the squared errors that the rows of a group have in common: the error of the
+//! tare's pose does not decrease with more frames. There are G − 1 degrees of freedom for G groups
+//! (Bester, Conley & Hansen, J. Econometrics 165, 2011; Cameron & Miller, J. Human Resources 50,
+//! 2015, §VI). With a ridge, `F` and `T` include it, but not the bias that it causes.
 
 mod clipped_groups;
 mod covariance;

@@ -1,8 +1,7 @@
-//! Intervals of polynomials from errors on held-out groups.
-//!
-//! The score of a group is the error there of the fit without it, in standard errors of that fit: the mean
-//! over its rows, and the scatter around the mean, which is assumed to be normal. Both come from the sums of
-//! the group, so no row is read again. [`GroupIntervals`] derives intervals from the scores.
+//! Intervals of polynomials from errors on held-out groups. The score of a group is the error there
+//! of the fit without it, in standard errors of that fit: the mean over its rows, and the scatter
+//! around it, assumed to be normal. Both come from the sums of the group. [`GroupIntervals`]
+//! derives intervals from the scores.
 
 use super::group_intervals::GroupIntervals;
 use crate::exact::ExactSums;
@@ -14,13 +13,12 @@ use crate::sandwich::GroupScatter;
 use crate::solver::Solution;
 use shell_data::wrench::PerAxis;
 
-/// Maximum number of groups with scores. With more groups, the scatter of the groups and the shape of the
-/// training errors are sufficient (intervals of 95 % contain 95.0 to 95.7 % of the sensor model's errors from
-/// 60 groups on), and one fit per group would take long.
+/// Maximum number of groups with scores. With more groups, the scatter of the groups and the shape
+/// of the training errors are sufficient (intervals of 95 % contain 95.0 to 95.7 % of the sensor
+/// model's errors from 60 groups on), and one fit per group would take long.
 pub(super) const MOST_GROUPS: usize = 50;
 
-/// The intervals of a fit to `groups` groups, from the `score` of each; `None` if there are too many, or only
-/// one.
+/// From the `score` of each of `groups` groups; `None` if there are too many, or only one.
 pub(super) fn of_scores(
     groups: usize,
     workers: Workers<'_>,
@@ -34,8 +32,8 @@ pub(super) fn of_scores(
     Some(GroupIntervals::from_groups(&scores))
 }
 
-/// Computes the `score` of each group, on all threads; `None` if [`Workers::watch`] cancels, which the next
-/// pass over the rows reports.
+/// Computes the `score` of each group, on all threads; `None` if [`Workers::watch`] cancels, which
+/// the next pass over the rows reports.
 pub(super) fn each<T: Send>(
     groups: usize,
     workers: Workers<'_>,
@@ -44,8 +42,8 @@ pub(super) fn each<T: Send>(
     map(&(0..groups).collect::<Vec<_>>(), workers, |&group| Ok(score(group))).ok()
 }
 
-/// Mean and scatter of the errors of a group, in standard errors, from the fit to all others; `None` if that
-/// is impossible.
+/// Mean and scatter of the errors of a group, in standard errors, from the fit to all others;
+/// `None` if that is impossible.
 pub(super) fn score_without(
     total: &ExactSums,
     groups: &[(String, ExactSums)],
@@ -60,8 +58,8 @@ pub(super) fn score_without(
     Some(score_of(&errors, &variances[0], &scatter, fit.solution.rows))
 }
 
-/// Mean and scatter of the errors of a group from R factors, for a solution with the given `scatter` of
-/// coefficients; `None` if its features were not kept.
+/// Mean and scatter of the errors of a group from R factors, for a solution with the given
+/// `scatter` of coefficients; `None` if its features were not kept.
 pub(super) fn score_on(
     rows: &FactoredGroups,
     group: usize,
@@ -73,8 +71,8 @@ pub(super) fn score_on(
     Some(score_of(&errors, &variance, scatter, solution.rows))
 }
 
-/// Mean and scatter of the errors of a group, in standard errors of the fit to `rows` other rows. `variance`
-/// is the variance of its rows that comes from the coefficients.
+/// Mean and scatter of the errors of a group, in standard errors of the fit to `rows` other rows.
+/// `variance` is the variance of its rows that comes from the coefficients.
 pub(super) fn score_of(
     errors: &PerAxis<HeldOutErrors>,
     variance: &PerAxis<f64>,
@@ -104,12 +102,11 @@ mod tests {
     use shell_data::block::Block;
     use system_tests::random::Random;
 
-    /// Uniform numbers from −1 to 1.
     fn noise(i: usize) -> f64 {
         2.0 * Random(i as u64).unit() - 1.0
     }
 
-    /// Groups of twelve rows, two channels. Nine tenths of the error of a group are common to its rows.
+    /// Two channels. Nine tenths of the error of a group are common to its rows.
     fn block(groups: usize) -> Block {
         let rows = 12 * groups;
         let reading = |c: usize, row: usize| {
@@ -138,7 +135,8 @@ mod tests {
         sums.finish([worker]).unwrap()
     }
 
-    /// The variances of predictions: the variance of a row plus the contribution of the coefficients.
+    /// The variances of predictions: the variance of a row plus the contribution of the
+    /// coefficients.
     fn variances(
         polynomial: &Polynomial,
         covariance: &Covariance,
@@ -208,7 +206,8 @@ mod tests {
         let (all, without) = (intervals(true), intervals(false));
         let (all, without) = (all.factors(0.95).unwrap(), without.factors(0.95).unwrap());
         for (all, without) in all.into_iter().zip(without) {
-            // A stretch has a fortieth of the variance; one with an error of two standard errors has a tenth.
+            // One block of time has a fortieth of the variance; with an error of two standard
+            // errors, a tenth.
             assert!(all <= without && all > 0.94 * without, "{all} {without}");
         }
     }

@@ -1,9 +1,9 @@
 //! Comparison of two models by their errors on the same groups.
 //!
-//! Folds that are hard for one model are mostly hard for the other, so the difference is known more precisely
-//! than either error (Dietterich, Neural Computation 10, 1998, on paired tests). The compared quantity is the
-//! root mean square error on a fold, averaged over the folds with their rows as weights, as a ratio. If folds
-//! differ much in difficulty, the mean of squared errors would be determined by the hardest fold.
+//! Folds that are hard for one model are mostly hard for the other, so the difference is known more
+//! precisely than either error (Dietterich, Neural Computation 10, 1998, on paired tests). The
+//! ratio of root mean square errors on a fold, averaged over the folds with their rows as weights,
+//! is compared: the hardest fold would dominate a mean of squared errors.
 
 use std::fmt;
 
@@ -35,8 +35,8 @@ pub struct FoldMean {
 }
 
 impl FoldMean {
-    /// Computes the mean from the rows and the value of each fold (Cochran, Sampling Techniques, 3rd ed.,
-    /// §6.3, for a ratio).
+    /// Computes the mean from the rows and the value of each fold (Cochran, Sampling Techniques,
+    /// 3rd ed., §6.3, for a ratio).
     pub fn new(folds: &[(u64, f64)]) -> Self {
         let total: f64 = folds.iter().map(|(rows, _)| *rows as f64).sum();
         let share = |rows: u64| rows as f64 / total;
@@ -47,14 +47,12 @@ impl FoldMean {
         Self { value, standard_error: (spread * n / (n - 1.0)).sqrt() }
     }
 
-    /// For a log ratio of errors: returns true if the first model has a smaller error, by more than a
-    /// standard error.
+    /// For a log ratio of errors: true if the first is smaller, by more than a standard error.
     pub fn first_is_better(self) -> bool {
         self.value < -self.standard_error
     }
 
-    /// For a log ratio of errors: returns true if the second model has a smaller error, by more than a
-    /// standard error.
+    /// For a log ratio of errors: true if the second is smaller, by more than a standard error.
     pub fn second_is_better(self) -> bool {
         self.value > self.standard_error
     }
@@ -66,7 +64,8 @@ impl FoldMean {
     }
 }
 
-/// Formats a log ratio of errors: the percentage by which the error of the first model is smaller or larger.
+/// Formats a log ratio of errors: the percentage by which the error of the first model is smaller
+/// or larger.
 impl fmt::Display for FoldMean {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let ratio = libm::exp(self.value);
@@ -77,8 +76,8 @@ impl fmt::Display for FoldMean {
 }
 
 impl Comparison {
-    /// Compares the errors on each fold, in the same order for both models. `variances` are the variances of
-    /// the measured wrench, in squares of N and N·m.
+    /// Compares the errors on each fold, in the same order for both models. `variances` are the
+    /// variances of the measured wrench, in squares of N and N·m.
     ///
     /// # Panics
     /// If the numbers of folds differ, or are below two.
@@ -100,16 +99,13 @@ impl Comparison {
     }
 }
 
-/// The axes with varying loads.
 pub(super) fn varying(variances: &PerAxis<f64>) -> Vec<usize> {
     (0..6).filter(|&axis| variances[axis] > 0.0).collect()
 }
 
 /// The errors of a model on folds, relative to the standard deviation of the loads.
 pub(super) struct RelativeErrors {
-    /// Rows and root mean square errors of each fold.
     folds: Vec<(u64, PerAxis<f64>)>,
-    /// The means over the folds.
     means: PerAxis<f64>,
 }
 
@@ -127,8 +123,8 @@ impl RelativeErrors {
         Self { means: std::array::from_fn(mean), folds }
     }
 
-    /// The natural logarithm of the mean over the folds, and its standard error; for several axes, of the
-    /// geometric mean.
+    /// The natural logarithm of the mean over the folds, and its standard error; for several axes,
+    /// of the geometric mean.
     pub(super) fn log(&self, axes: &[usize]) -> FoldMean {
         FoldMean { value: self.log_mean(axes), ..FoldMean::new(&self.shares(axes)) }
     }

@@ -8,8 +8,8 @@ use crate::model::Model;
 use crate::uncertainty::student_quantile;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// The ratio of the error on new groups to the error of a random split above which a warning about similar
-/// rows in groups is justified.
+/// The ratio of the error on new groups to the error of a random split above which a warning about
+/// similar rows in groups is justified.
 pub const SUSPICIOUS_RATIO: f64 = 2.0;
 
 /// Errors on held-out rows, on one axis, in N or N·m.
@@ -52,8 +52,8 @@ pub struct CrossValidation {
 }
 
 impl CrossValidation {
-    /// Combines the errors on folds, each with the labels of its groups, given the numbers of groups and
-    /// rows.
+    /// Combines the errors on folds, each with the labels of its groups, given the numbers of
+    /// groups and rows.
     ///
     /// # Errors
     /// The error of a fold, if no fold could be held out.
@@ -139,11 +139,9 @@ impl CrossValidation {
     }
 }
 
-/// Fits `model` without each group, or without each of `folds` folds of groups, and computes the errors
-/// there; likewise for the rows that were assigned at random.
-///
-/// Folds are filled with the largest groups first, each into the fold with the fewest rows. `ridge` is as in
-/// [`ExactSums::solve`].
+/// Fits `model` without each group, or without each of `folds` folds of groups (see
+/// [`assign_groups`]), and computes the errors there; likewise for the rows that were assigned at
+/// random. `ridge` is as in [`ExactSums::solve`].
 ///
 /// # Errors
 /// [`FitError`] if there are too few groups, or no fold leaves enough rows to fit.
@@ -197,8 +195,8 @@ pub(super) fn assign_to_folds(
     }
 }
 
-/// Assigns groups with these numbers of rows to folds of about equal size: the largest first, each into the
-/// fold with the fewest rows. Returns the positions of the groups.
+/// Assigns groups with these numbers of rows to folds of about equal size: the largest first, each
+/// into the fold with the fewest rows. Returns the positions of the groups.
 ///
 /// # Errors
 /// [`FitError::Folds`] unless there are at least two folds and at most as many as groups.

@@ -7,7 +7,6 @@ use crate::factored::{FactoredGroups, FactoredRows};
 use crate::model::{Basis, Model};
 use crate::scaling::Scaling;
 
-/// The rows of a fold, and all other rows.
 struct Fold {
     groups: Vec<usize>,
     held_out: FactoredRows,
@@ -66,7 +65,6 @@ fn sizes(rows: &FactoredGroups) -> Vec<u64> {
     rows.groups.iter().map(|(_, rows)| rows.rows()).collect()
 }
 
-/// The rows of each fold of groups, with all other rows.
 fn parted(rows: &FactoredGroups, assigned: Vec<Vec<usize>>) -> Result<Vec<Fold>, FitError> {
     let merged = |groups: &Vec<usize>| {
         let all = FactoredRows::merged(groups.iter().map(|&group| &rows.groups[group].1))?;

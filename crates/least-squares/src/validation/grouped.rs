@@ -1,16 +1,16 @@
 //! Sums of rows, group by group, in one pass.
 //!
-//! Rows are also assigned to random folds, for comparison. All sums are exact, so the sums of the groups add
-//! up to the sums of all rows, bit for bit, and so do the sums of the random folds, in any order of the rows.
+//! Rows are also assigned to random folds, for comparison. All sums are exact: those of the groups,
+//! and of the random folds, add up to the sums of all rows bit for bit, in any order. Every worker
+//! thread has a [`GroupWorker`], which sums rows by group without locks. With its blocks it hands
+//! over the sums of the groups that it has not seen for the longest time to the [`GroupSums`] of
+//! the caller, and the rest at the end.
 //!
-//! Every worker thread has a [`GroupWorker`], which sums rows by group without locks. With its blocks it
-//! hands over the sums of the groups that it has not seen for the longest time to the [`GroupSums`] of the
-//! caller; it hands over the rest at the end.
-//!
-//! Memory: a group takes about 16 bytes for each distinct sum and some 50 for each sum with a wrench (under
-//! 150 kB for eight channels and poly3, 20 kB for the cubic model). In each worker that has met the group, up
-//! to 256 of its rows wait to be summed together, and at most `MAX_OPEN` groups of a worker also have working
-//! sums. There may be [`MAX_GROUPS`] groups, or any number of groups in as many sets, see [`Apart::Sets`].
+//! A group takes about 16 bytes for each distinct sum and some 50 for each sum with a wrench (under
+//! 150 kB for eight channels and poly3, 20 kB for the cubic model). In each worker that has met the
+//! group, up to 256 rows wait to be summed together, and at most `MAX_OPEN` groups also have
+//! working sums. There may be [`MAX_GROUPS`] groups, or any number in as many sets, see
+//! [`Apart::Sets`].
 
 use crate::error::FitError;
 use std::borrow::Cow;
@@ -29,9 +29,7 @@ use shell_data::dataset::LabelRuns;
 /// Collects the sums of workers, block by block and at the end.
 #[derive(Debug)]
 pub struct GroupSums {
-    /// A worker without rows.
     empty: GroupWorker,
-    /// The labels of the groups, in the order of their first rows.
     labels: Vec<Arc<str>>,
     /// The sums of every group, and of those folds that have been handed over.
     sums: BTreeMap<SummedRows, Option<ExactSums>>,
@@ -40,8 +38,8 @@ pub struct GroupSums {
 }
 
 impl GroupSums {
-    /// Starts with zero rows, for `basis` and the bases within it. `apart` selects separate sums for groups
-    /// or sets; `random` defines the random folds.
+    /// Starts with zero rows, for `basis` and the bases within it. `apart` selects separate sums
+    /// for groups or sets; `random` defines the random folds.
     pub fn new(basis: Basis, channels: usize, apart: Apart, random: RandomSplit) -> Self {
         let (sums, open) = (BTreeMap::new(), VecDeque::new());
         let adder = Adder::new(basis, channels);
@@ -171,7 +169,8 @@ impl SumsByGroup {
     /// The sums of all rows, prepared for fits without groups.
     ///
     /// # Errors
-    /// [`FitError`] if there are fewer than two groups, or the features of the model were not summed.
+    /// [`FitError`] if there are fewer than two groups, or the features of the model were not
+    /// summed.
     pub(crate) fn partitioned(&self, model: &Model) -> Result<PartitionedSums<'_>, FitError> {
         PartitionedSums::new(self.all_of_several()?, model)
     }
@@ -197,7 +196,6 @@ impl SumsByGroup {
     }
 }
 
-/// The sums of all `parts`.
 fn total<'a>(
     parts: impl IntoIterator<Item = &'a ExactSums>,
 ) -> Result<Option<ExactSums>, ExactError> {
@@ -210,8 +208,7 @@ fn total<'a>(
     Ok(Some(total))
 }
 
-/// Maximum number of groups with sums in working form. If there are more, those that have been open for the
-/// longest time are handed over.
+/// Most groups with sums in working form; those open for the longest time are handed over.
 pub(super) const MAX_OPEN: usize = 64;
 
 /// The level at which sums are kept separately.
@@ -238,9 +235,7 @@ pub struct GroupWorker {
 
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum SummedRows {
-    /// The rows of a random fold.
     Fold(usize),
-    /// The rows with a label.
     Group(Arc<str>),
 }
 
@@ -248,7 +243,6 @@ pub(super) enum SummedRows {
 #[derive(Debug)]
 #[must_use]
 pub struct BlockGroups {
-    /// Labels of the groups or sets with separate sums, in the order of their first rows.
     pub(super) labels: Vec<Arc<str>>,
     /// A hash of each group, if groups are assigned to sets.
     pub(super) assigned: Vec<u64>,
@@ -283,7 +277,6 @@ impl GroupWorker {
         Ok(BlockGroups { labels, assigned, settled })
     }
 
-    /// The sums that have not been handed over.
     pub(super) fn finish(
         mut self,
     ) -> impl Iterator<Item = Result<(SummedRows, ExactSums), FitError>> {
@@ -328,8 +321,8 @@ impl GroupWorker {
     }
 }
 
-/// Replaces group labels with set labels. Also returns the hashes of the groups. A label always belongs to
-/// the same set.
+/// Replaces group labels with set labels. Also returns the hashes of the groups. A label always
+/// belongs to the same set.
 fn assign_to_sets(runs: &[(String, usize)]) -> (Option<LabelRuns>, Vec<u64>) {
     let assign = |(label, rows): &(String, usize)| {
         // FNV-1a with a final mix, because its high bits are poor for short labels.

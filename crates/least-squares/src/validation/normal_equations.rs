@@ -1,15 +1,14 @@
 //! Held-out errors from the normal equations of each fold, for rows that cannot be summed exactly.
 //!
-//! Each fold is reduced to `[X | W]ᵀ[X | W]`. The sum over all other folds gives the normal equations of a
-//! fit without the fold, for any ridge. The errors of that fit on the fold come from the equations of the
-//! fold:
+//! Each fold is reduced to `[X | W]ᵀ[X | W]`. The sum over all other folds gives the normal
+//! equations of a fit without the fold, for any ridge, and the errors of that fit on the fold are
 //!
 //! ```text
 //! ‖X_f·C − W_f‖² = W_fᵀW_f − 2·Cᵀ·X_fᵀW_f + Cᵀ·X_fᵀX_f·C
 //! ```
 //!
-//! A choice needs errors with three digits. With columns scaled to norm one, condition numbers up to 10⁶
-//! leave that many. The final fit never uses this method.
+//! A choice needs errors with three digits, which condition numbers up to 10⁶, with columns scaled
+//! to norm one, leave. The final fit never uses this method.
 
 use std::collections::HashMap;
 
@@ -27,8 +26,8 @@ use crate::solver::ReadingSums;
 use crate::vectors::lower_product;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Families with more features than this are excluded from a choice: the covariance over groups of rows, with
-/// an eigenvalue problem for each group, would take minutes.
+/// Families with more features than this are excluded from a choice: the covariance over groups of
+/// rows, with an eigenvalue problem for each group, would take minutes.
 const MOST_FEATURES: usize = 600;
 
 /// Number of rows whose features are computed together.
@@ -37,18 +36,14 @@ const CHUNK: usize = 1024;
 /// Squares of pivots below this, with columns of norm one, are rounding errors.
 const LEAST_PIVOT: f64 = 1e-13;
 
-/// The matrix `[X | W]ᵀ[X | W]` of some rows.
 #[derive(Clone, Debug)]
 struct NormalEquations {
-    /// Number of columns of `X`.
     features: usize,
     rows: u64,
-    /// The matrix.
     products: Mat<f64>,
 }
 
 impl NormalEquations {
-    /// Computes the normal equations of some rows.
     fn new(features: &Features, rows: &GroupedRows, runs: &[Run]) -> Self {
         let columns = features.len() + Axis::ALL.len();
         let mut products = Mat::zeros(columns, columns);
@@ -69,7 +64,6 @@ impl NormalEquations {
         Self { features: features.len(), rows: count(runs) as u64, products }
     }
 
-    /// The equations of the features at some positions.
     fn part(&self, positions: &[usize]) -> Self {
         let axes = self.features..self.features + Axis::ALL.len();
         let kept: Vec<usize> = positions.iter().copied().chain(axes).collect();
@@ -78,7 +72,6 @@ impl NormalEquations {
         Self { features: positions.len(), rows: self.rows, products }
     }
 
-    /// All rows but those of each fold.
     fn without_each(folds: &[Self]) -> Vec<Self> {
         let rows: u64 = folds.iter().map(|of| of.rows).sum();
         let products = sums_without_each(folds.iter().map(|of| &of.products));
@@ -98,8 +91,8 @@ impl NormalEquations {
         self.products.submatrix(0, self.features, self.features, Axis::ALL.len())
     }
 
-    /// The coefficients, features × 6, with a ridge on columns of norm one, except the column `free`; `None`
-    /// if the rows do not determine them.
+    /// The coefficients, features × 6, with a ridge on columns of norm one, except the column
+    /// `free`; `None` if the rows do not determine them.
     fn solve(&self, ridge: f64, free: Option<usize>) -> Option<Mat<f64>> {
         let p = self.features;
         if self.rows < p as u64 && ridge == 0.0 || !self.products.is_all_finite() {
@@ -139,8 +132,8 @@ impl NormalEquations {
     }
 }
 
-/// The sums of all matrices but each one. Nothing is subtracted, so a large one leaves no rounding errors in
-/// the sum without it.
+/// The sums of all matrices but each one. Nothing is subtracted, so a large one leaves no rounding
+/// errors in the sum without it.
 pub fn sums_without_each<'a>(
     parts: impl DoubleEndedIterator<Item = &'a Mat<f64>> + ExactSizeIterator + Clone,
 ) -> Vec<Mat<f64>> {
@@ -167,9 +160,9 @@ fn positions(part: &Model, whole: &Model) -> Option<Vec<usize>> {
     part.terms().iter().map(|term| places.get(term).copied()).collect()
 }
 
-/// Compares the families of features by errors on each group of rows, held out in turn, each family with
-/// `ridges` (and larger ones, as [`select`](super::selection::select) does). `model` defines everything but
-/// the family. The equations of a family are part of those of a larger one with the same terms.
+/// Compares the families of features by errors on each group, held out in turn, each with `ridges`
+/// (and larger ones, as [`select`](super::selection::select) does). `model` defines everything but
+/// the family.
 ///
 /// # Errors
 /// [`FitError`] if there are too few groups, a row is not finite, or no model can be fitted.
@@ -232,7 +225,6 @@ mod tests {
     use shell_data::wrench::Axes;
     use system_tests::random::Random;
 
-    /// Uniform numbers from −1 to 1.
     fn noise(i: usize) -> f64 {
         2.0 * Random(i as u64).unit() - 1.0
     }

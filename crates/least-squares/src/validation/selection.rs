@@ -1,18 +1,18 @@
-//! The choice of model and ridge: the candidate that predicts new groups best, or a smaller one that is as
-//! good.
+//! The choice of model and ridge: the candidate that predicts new groups best, or a smaller one
+//! that is as good.
 //!
-//! The score of a candidate is its error on held-out groups, relative to the standard deviation of each axis,
-//! squared: the mean over folds, and the geometric mean over axes. A candidate counts as equal to the best if
-//! its error is within one standard error of the [ratio of their errors](super::comparison) on the same
-//! folds. Among these, the one with the fewest features is chosen (after Breiman et al., Classification and
-//! Regression Trees, 1984, §3.4.3; they use the standard error of the best, but folds differ far more from
-//! each other than two models on one fold). Among several ridges on these features, the one with the smallest
-//! error is chosen, because a stronger ridge would bias every prediction and make no model smaller.
+//! The score of a candidate is its squared error on held-out groups, relative to the standard
+//! deviation of each axis: the mean over folds, and the geometric mean over axes. A candidate is
+//! equal to the best if its error is within one standard error of the [ratio of their
+//! errors](super::comparison) on the same folds; the one with the fewest features is chosen (after
+//! Breiman et al., Classification and Regression Trees, 1984, §3.4.3; they use the standard error
+//! of the best, but folds differ far more from each other than two models on one fold). Among
+//! several ridges on these features, the one with the smallest error is chosen, because a stronger
+//! ridge would bias every prediction and make no model smaller.
 //!
-//! [`Advice`] describes the choice in words: the model that predicts new groups best, the smallest that is
-//! not significantly worse, and the difference between them. The ratio of the error on new groups to the
-//! error of a random split is not part of it: that ratio shows how similar the rows of a group are, not which
-//! model to use.
+//! [`Advice`] describes the choice in words. The ratio of the error on new groups to that of a
+//! random split is not part of it: it shows how similar the rows of a group are, not which model to
+//! use.
 
 use super::comparison::{Comparison, FoldMean, RelativeErrors, varying};
 use super::cross_validation::{assign_groups, errors_on, sizes};
@@ -30,7 +30,6 @@ pub const RIDGES: [f64; 5] = [0.0, 1e-8, 1e-6, 1e-4, 1e-2];
 /// The largest ridge to try; with it, features have almost no effect.
 pub const LARGEST_RIDGE: f64 = 1e4;
 
-/// The ratio of each ridge to the previous one.
 const RIDGE_STEP: f64 = 100.0;
 
 /// Number of folds, if there are as many groups.
@@ -52,8 +51,8 @@ pub struct Candidate {
 /// The prediction errors of a model on held-out groups.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct CandidateErrors {
-    /// The square of the error relative to the standard deviation of each axis: the mean over folds and the
-    /// geometric mean over axes.
+    /// The square of the error relative to the standard deviation of each axis: the mean over folds
+    /// and the geometric mean over axes.
     pub score: f64,
     /// Standard error of the score.
     pub standard_error: f64,
@@ -80,7 +79,7 @@ pub struct Selection {
 pub struct Tried {
     /// The candidates and the choice.
     pub selection: Selection,
-    /// The errors on each fold; empty for a candidate that cannot be fitted without one of the folds.
+    /// Empty for a candidate that cannot be fitted without one of the folds.
     errors: Vec<Vec<PerAxis<HeldOutErrors>>>,
     /// The variances of the measured wrench, in squares of N and N·m.
     variances: PerAxis<f64>,
@@ -102,8 +101,8 @@ impl Tried {
     }
 }
 
-/// Compares all models within the basis that was summed, with each of `ridges`. If there are several ridges
-/// and the last is the best, larger ones follow until one is not.
+/// Compares all models within the basis that was summed, with each of `ridges`. If there are
+/// several ridges and the last is the best, larger ones follow until one is not.
 ///
 /// # Errors
 /// [`FitError`] if there are too few groups, or no model can be fitted.
@@ -132,7 +131,7 @@ pub fn select(sums: &SumsByGroup, intercept: bool, ridges: &[f64]) -> Result<Tri
 /// The errors on each fold by ridge; `None` if the model cannot be fitted without one of the folds.
 pub(super) type ErrorsByRidge<'a> = Box<dyn Fn(f64) -> Option<Vec<PerAxis<HeldOutErrors>>> + 'a>;
 
-/// Compares models by the errors that `errors_of` returns for a family, or `None` if it cannot be fitted.
+/// `errors_of` returns `None` for a family that cannot be fitted.
 pub(super) fn choose<'a>(
     model: impl Fn(Basis) -> Model,
     ridges: &[f64],
@@ -173,7 +172,6 @@ pub(super) fn choose<'a>(
     Ok(Tried { selection, errors: tried, variances })
 }
 
-/// Returns true if the last candidate has the smallest error.
 fn is_best(candidates: &[Candidate]) -> bool {
     let score = |candidate: &Candidate| candidate.errors.map_or(f64::INFINITY, |of| of.score);
     let Some((last, others)) = candidates.split_last() else { return false };
@@ -188,8 +186,8 @@ pub fn folds(sums: &SumsByGroup) -> Result<Vec<Vec<usize>>, FitError> {
     assign_groups(&sizes(sums), sums.groups.len().min(FOLDS))
 }
 
-/// The errors of a model on each of `folds`, given as positions of groups in `sums`; `None` if it cannot be
-/// fitted without one of them.
+/// The errors of a model on each of `folds`, given as positions of groups in `sums`; `None` if it
+/// cannot be fitted without one of them.
 ///
 /// # Errors
 /// [`FitError`] if there are too few groups.
@@ -245,8 +243,8 @@ impl Advice {
         }
     }
 
-    /// Returns true if another model has a smaller error on new groups than the requested one, by more than a
-    /// standard error of the ratio.
+    /// Returns true if another model has a smaller error on new groups than the requested one, by
+    /// more than a standard error of the ratio.
     pub fn another_is_better(&self) -> bool {
         self.given.is_some_and(|given| given.all.first_is_better())
     }
@@ -302,7 +300,6 @@ impl Advice {
     }
 }
 
-/// The name of the model, with its ridge.
 fn name(of: &Candidate) -> String {
     match of.ridge > 0.0 {
         true => format!("{} with ridge {:e}", of.basis.name(), of.ridge),

@@ -24,24 +24,18 @@ const COVERAGE: f64 = 2.0;
 pub struct Certificate<'a> {
     pub heading: Heading<'a>,
     pub file: &'a CalibrationFile,
-    /// The name of the file.
     pub name: &'a str,
-    /// The checksum of the file.
     pub checksum: &'a str,
-    /// The uncertainty budget.
     pub budget: &'a [Contribution],
     /// A statement on the 95 % intervals of single frames.
     pub intervals: &'a str,
-    /// Known weights, with the loads that the sensor measured.
     pub weights: &'a [CheckedLoad],
     /// Weights, and axes of weights, whose comparison was requested but impossible.
     pub not_compared: &'a [String],
 }
 
-/// A line of an uncertainty budget.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Contribution {
-    /// The source of the uncertainty.
     pub source: &'static str,
     /// The type of evaluation (GUM, 3.3.4): "A" from observations, "B" from prior knowledge.
     pub evaluation: &'static str,
@@ -49,8 +43,7 @@ pub struct Contribution {
     pub basis: String,
     /// The standard uncertainty of each axis, if known.
     pub standard: Option<PerAxis<f64>>,
-    /// The degrees of freedom (GUM, G.3.3) from the number of observations; `None` if the uncertainty is
-    /// taken as exact.
+    /// From the number of observations (GUM, G.3.3); `None` if the uncertainty is taken as exact.
     pub degrees_of_freedom: Option<f64>,
     /// True if another line already includes it.
     pub is_part: bool,
@@ -64,39 +57,32 @@ fn digits(degrees: f64) -> String {
     }
 }
 
-/// A known weight and the sensor's measurement of it.
 #[derive(Clone, Debug, Serialize)]
 pub struct CheckedLoad {
-    /// The label of the weight.
     pub group: String,
-    /// A description of the weight.
     pub load: String,
-    /// The stated load, N and N·m.
     pub stated: PerAxis<f64>,
-    /// The measured load, N and N·m.
     pub measured: PerAxis<f64>,
-    /// The allowed difference.
     pub allowed: PerAxis<f64>,
-    /// The calibrated axes with a larger difference.
     pub off: Axes,
     /// True if the weight is so light that an unloaded sensor would pass as well.
     pub cannot_tell: bool,
-    /// The angle between the measured and the stated force, degrees, if their magnitudes agree and the angle
-    /// exceeds the limit.
+    /// The angle between the measured and the stated force, degrees, if their magnitudes agree and
+    /// the angle exceeds the limit.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub turned_deg: Option<f64>,
 }
 
 impl Certificate<'_> {
-    /// The combined standard uncertainty of each axis: the root of the sum of the known squares (GUM, 5.1.2).
+    /// Combined standard uncertainty: the root of the sum of the known squares (GUM, 5.1.2).
     pub fn combined(&self) -> PerAxis<f64> {
         let parts = self.budget.iter().filter(|of| !of.is_part).filter_map(|of| of.standard);
         let squares = |axis: usize| parts.clone().map(move |part| part[axis] * part[axis]);
         std::array::from_fn(|axis| squares(axis).fold(0.0, |sum, square| sum + square).sqrt())
     }
 
-    /// The effective degrees of freedom of each axis by the Welch-Satterthwaite formula (GUM, G.4.1);
-    /// infinite if all uncertainties are taken as exact.
+    /// The effective degrees of freedom of each axis by the Welch-Satterthwaite formula (GUM,
+    /// G.4.1); infinite if all uncertainties are taken as exact.
     pub fn degrees_of_freedom(&self) -> PerAxis<f64> {
         let combined = self.combined();
         let parts = self.budget.iter().filter(|of| !of.is_part);
@@ -108,8 +94,8 @@ impl Certificate<'_> {
         })
     }
 
-    /// The coverage factor of each axis: the 95 % quantile of Student's t (GUM, G.6.4), or 2 for infinite
-    /// degrees of freedom.
+    /// The coverage factor of each axis: the 95 % quantile of Student's t (GUM, G.6.4), or 2 for
+    /// infinite degrees of freedom.
     pub fn coverage(&self) -> PerAxis<f64> {
         self.degrees_of_freedom().map(|degrees| match degrees.is_finite() {
             true => student_quantile(LEVEL, degrees),
@@ -117,13 +103,12 @@ impl Certificate<'_> {
         })
     }
 
-    /// The expanded uncertainty of each axis: the combined one times the coverage factor (GUM, 6.2.1).
+    /// Expanded uncertainty: combined uncertainty times the coverage factor (GUM, 6.2.1).
     pub fn expanded(&self) -> PerAxis<f64> {
         let (combined, coverage) = (self.combined(), self.coverage());
         std::array::from_fn(|axis| coverage[axis] * combined[axis])
     }
 
-    /// The certificate as the content of an HTML file.
     pub fn html(&self) -> String {
         let mut facts = facts(self.name, self.file);
         facts.push(("checksum of the file", self.checksum.to_owned()));
@@ -188,7 +173,6 @@ impl Certificate<'_> {
         html
     }
 
-    /// The label of the expanded uncertainty, and its basis.
     fn coverage_words(&self) -> (String, String) {
         let (coverage, degrees) = (self.coverage(), self.degrees_of_freedom());
         let axes = || self.file.calibration.axes.iter().map(|axis| axis.index());

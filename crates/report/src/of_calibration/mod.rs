@@ -34,21 +34,15 @@ const MOST_GROUPS: usize = 1000;
 /// Number of loads plotted from the training rows, and as many from the test rows.
 const LOADS: u64 = 600;
 
-/// A fit with the other content of its report.
 #[derive(Clone, Debug)]
 pub struct CalibrationReport<'a> {
     pub fit: &'a Fit,
-    /// The calibration file of the fit.
     pub file: &'a CalibrationFile,
-    /// The name of the file.
     pub name: &'a str,
-    /// The command that reproduces it.
     pub command: &'a str,
-    /// Suspicious rows, if the check for them was requested.
     pub outliers: Option<OutlierTable>,
 }
 
-/// Adds predictions and measurements of rows to a figure.
 pub fn add_to_plot(plot: &mut FitPlot, calibration: &Calibration, data: &Dataset) {
     let mut predicted = PerAxis::default();
     for (_, block) in data.blocks() {
@@ -57,8 +51,7 @@ pub fn add_to_plot(plot: &mut FitPlot, calibration: &Calibration, data: &Dataset
     }
 }
 
-/// Predictions and measurements of the rows used, for figures of the training rows and, if any, of the test
-/// rows.
+/// Figures of the training rows and, if any, the test rows.
 pub fn plots(fit: &Fit) -> (FitPlot, Option<FitPlot>) {
     let plot = |data| {
         let mut plot = FitPlot::default();
@@ -190,7 +183,6 @@ fn coverage(report: &CalibrationReport<'_>, svg: &str) -> String {
     html + &training + &folded("Which loads came together", &correlation)
 }
 
-/// The axes, and the loads of the training rows on each.
 fn loads(excitation: &Excitation, axes: Axes) -> Vec<Column> {
     let range = |axis: Axis| &excitation.axes[axis.index()];
     let units = AxisUnits::new(|axis| vec![range(axis).min, range(axis).max]);
@@ -239,7 +231,6 @@ fn by_group(rows: &[(&str, &GroupErrors)], axes: Axes) -> String {
     html
 }
 
-/// The RMS of predicted minus measured.
 fn rms(group: &GroupErrors, axis: Axis) -> f64 {
     group.errors[axis.index()].quality().map_or(f64::NAN, |quality| quality.rms)
 }

@@ -31,7 +31,6 @@ pub(crate) fn facts(name: &str, file: &CalibrationFile) -> Vec<(&'static str, St
     facts
 }
 
-/// A table of the files that a calibration was made from.
 pub(crate) fn sources_table(file: &CalibrationFile) -> String {
     let sources = &file.origin.sources;
     if sources.is_empty() {
@@ -53,8 +52,8 @@ pub(crate) fn sources_table(file: &CalibrationFile) -> String {
     table("What the calibration was made from", &columns)
 }
 
-/// The errors of each axis on training data, held-out groups and test data, as far as known; forces share one
-/// unit, moments another.
+/// The errors of each axis on training data, held-out groups and test data, as far as known; forces
+/// share one unit, moments another.
 pub(crate) fn errors_table(file: &CalibrationFile) -> String {
     let Some(known) = &file.origin.diagnostics else { return String::new() };
     let mut errors: Vec<(&str, PerAxis<Option<f64>>)> = Vec::new();

@@ -1,5 +1,5 @@
-//! The comparison of conditions, which is the purpose of the trials: first the effect of each condition with
-//! its interval, then the statistics by condition, and forces over a stride.
+//! The comparison of conditions: first the effect of each with its interval, then statistics, and
+//! forces over a stride.
 
 use std::fmt::Write;
 
@@ -9,7 +9,6 @@ use super::super::numbers::{Plot, Plots};
 use super::super::units::ColumnUnit;
 use trial::{ConditionRow, Interval, Per, Quantity};
 
-/// A quantity by condition, in the unit that suits its means.
 struct Compared<'a> {
     quantity: Quantity,
     rows: Vec<&'a ConditionRow>,
@@ -17,7 +16,6 @@ struct Compared<'a> {
 }
 
 impl<'a> Compared<'a> {
-    /// Returns `None` without rows.
     fn new(quantity: Quantity, rows: Vec<&'a ConditionRow>) -> Option<Self> {
         let scale = ColumnUnit::new(quantity.unit(), rows.iter().map(|row| row.statistics.mean));
         (!rows.is_empty()).then_some(Self { quantity, rows, scale })
@@ -144,7 +142,6 @@ pub(super) fn conditions(report: &Report<'_>, plots: &Plots) -> String {
     html
 }
 
-/// Plots side by side, if any.
 pub(super) fn side_by_side(name: &str, plots: &[Plot]) -> String {
     let figure = |(at, plot): (usize, &Plot)| {
         plot_figure(&format!("{name}-{at}"), "", &plot.alt, &plot.caption)

@@ -28,7 +28,6 @@ pub(super) fn of(report: &Report<'_>, plots: &Plots) -> Vec<PageSection> {
     ]
 }
 
-/// The program, the date and the number of trials.
 pub(super) fn subtitle(report: &Report<'_>) -> String {
     let count = report.trials.len();
     let s = if count == 1 { "" } else { "s" };

@@ -45,7 +45,6 @@ pub(super) fn trials(report: &Report<'_>, plots: &Plots) -> String {
     html
 }
 
-/// The containers for the plots of a trial.
 fn trial_plots(at: usize, row: &TrialRow, has_forces: bool) -> String {
     let mut html = String::new();
     if has_forces {
@@ -69,7 +68,7 @@ fn trial_plots(at: usize, row: &TrialRow, has_forces: bool) -> String {
     html
 }
 
-/// A table of the results and a collapsed one of the values behind them. Every column has a suitable unit.
+/// Results, and a collapsed table of the values behind them, in suitable units.
 fn trial_tables(trials: &[TrialResult]) -> String {
     let rows = || trials.iter().map(|trial| &trial.row);
     let energies = rows().filter_map(|row| row.measures.drag_energy_j);

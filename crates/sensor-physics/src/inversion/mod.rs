@@ -4,18 +4,18 @@
 //! minimise  Σ (yᵢ − fᵢ(x, u))²/vᵢ + λ·xᵀΣ_w⁻¹x + uᵀu      vᵢ = σ² + τ²·(dfᵢ/dq)² + gᵢᵀCᵢgᵢ
 //! ```
 //!
-//! The unknowns are the wrench `x` and the [factors](crate::factors) `u` that the sensors share, which
-//! displace the reflectors as the wrench does: `q = b + aᵀx + cᵀu`. To first order this integrates `u` out:
-//! `D·C·Cᵀ·D` is added to the variance `v` of the sensors' responses. Gauss-Newton steps find the minimum,
-//! with `v` from the previous step. `gᵀCg` is the variance from the uncertain parameters of the sensor, so a
-//! sensor counts little where it was not trained. On a plateau `df/dx` vanishes, so a saturated sensor drops
-//! out by itself. The start inverts each curve for its displacement and solves the linear problem that is
-//! left. No state is carried from frame to frame: results do not depend on the order of rows, on neighbouring
-//! rows or on the width of vectors.
+//! The unknowns are the wrench `x` and the [factors](crate::factors) `u` that the sensors share:
+//! `q = b + aᵀx + cᵀu`. To first order this integrates `u` out: `D·C·Cᵀ·D` is added to the variance
+//! `v` of the responses. Gauss-Newton steps find the minimum, with `v` from the previous step.
+//! `gᵀCg` is the variance from the uncertain parameters, so a sensor counts little where it was not
+//! trained. On a flat end of its curve `df/dx` vanishes, so a saturated sensor drops out by itself.
+//! The start inverts each curve for its displacement and solves the remaining linear problem.
+//! Frames are independent: results do not depend on the order of rows or the width of vectors.
 //!
-//! **A sensor that has died** gives readings that no wrench explains. If a reading is [`FAR`](newton::FAR)
-//! from its curve and eight sensors or more are in use, the row is solved without each of them in turn. The
-//! sensor whose removal leaves the least sum is left out and flagged if all others then fit.
+//! **A sensor that has died** gives readings that no wrench explains. If a reading is
+//! [`FAR`](newton::FAR) from its curve and eight sensors or more are in use, the row is solved
+//! without each of them in turn. The sensor whose removal leaves the least sum is left out and
+//! flagged if all others then fit.
 //!
 //! Standard errors come from Laplace's approximation: the curvature at the minimum (MacKay, Neural
 //! Computation 4, 1992).
@@ -44,10 +44,9 @@ pub struct Estimate {
 /// Flags of a frame. Masks have bit `i` for channel `i`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Flags {
-    /// Channels on a plateau of their curve: they carry no information about this wrench.
+    /// Channels on a flat end of their curve: they carry no information about this wrench.
     pub saturated: u16,
-    /// Channels that were left out: constant in the training data, not a number in this frame, or
-    /// inconsistent with all others.
+    /// Channels left out: constant in training, not a number here, or inconsistent with all others.
     pub left_out: u16,
     /// Channels whose reading is far from the value that the others imply.
     pub misfit: u16,
@@ -66,11 +65,9 @@ pub struct Estimates {
     pub flags: Vec<Flags>,
 }
 
-/// Fewest sensors in use for one to be left out: more sensors than axes must remain, to show that the others
-/// agree.
+/// Fewest sensors in use for one to be left out: more than axes must remain to agree.
 const LEAVE_OUT_OF: u32 = 8;
 
-/// Largest number of unknowns: axes and factors.
 const MOST_UNKNOWNS: usize = 6 + FACTORS;
 
 /// A model prepared for the conversion of frames.
@@ -121,8 +118,7 @@ impl Inversion {
         out
     }
 
-    /// Squared errors of the wrenches of some observations in units of `scale`, summed over the axes; one for
-    /// each observation.
+    /// Squared error of each observation's wrench in units of `scale`, summed over the axes.
     pub fn squared_errors(&self, observations: &[&Observation], scale: &PerAxis<f64>) -> Vec<f64> {
         let column = |channel: usize| observations.iter().map(|o| o.readings[channel]).collect();
         let readings: Vec<Vec<f64>> = (0..self.model.channels).map(column).collect();
@@ -144,8 +140,8 @@ impl Inversion {
         }
     }
 
-    /// Solves rows with a misfitting reading again, without the sensor whose removal leaves the least sum, if
-    /// all others then fit.
+    /// Solves rows with a misfitting reading again, without the sensor whose removal leaves the
+    /// least sum, if all others then fit.
     fn leave_out_dead(&self, readings: &[Vec<f64>], out: &mut Estimates) {
         let is_wanted = |row: &usize| {
             let flags = out.flags[*row];
@@ -198,13 +194,12 @@ impl Estimates {
     }
 }
 
-/// Least distance from the plateaus, in shares of h, of a reading in the start.
+/// Least distance of a reading from lo and lo + h in the start, in shares of h.
 const MARGIN: f64 = 0.01;
 
-/// Noise of readings in the start, in shares of h.
 const START_NOISE: f64 = 0.02;
 
-/// A sensor is on a plateau where its curve is flatter than this share of its steepest slope.
+/// A sensor is saturated where its curve is flatter than this share of its steepest slope.
 const FLAT: f64 = 0.05;
 
 /// Steps of the tables for the start, which is off by less than 0.01 in q.
@@ -225,7 +220,7 @@ pub(super) struct Ready {
     pub(super) covariance: [Parameters; PARAMETERS],
     /// `dy/dq` below which the curve is flat.
     pub(super) flat: f64,
-    /// `q − b` and its weight in the start, at equal steps from plateau to plateau.
+    /// `q − b` and its weight in the start, at equal steps over the curve.
     table: Vec<(f64, f64)>,
 }
 
@@ -260,7 +255,6 @@ impl Ready {
         }
     }
 
-    /// Converts a reading from counts to ranges above the least.
     #[inline]
     pub(super) fn scaled(&self, reading: f64) -> f64 {
         (reading - self.least) * self.per_count

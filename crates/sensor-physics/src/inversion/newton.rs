@@ -1,7 +1,5 @@
-//! Gauss-Newton steps for several rows at a time.
-//!
-//! A lane takes the steps that its row needs and then rests, so the result of a row does not depend on
-//! neighbouring rows.
+//! Gauss-Newton steps for several rows at a time. A lane stops after the steps that its row needs,
+//! so the result of a row does not depend on neighbouring rows.
 
 use pulp::{Simd, WithSimd};
 
@@ -16,7 +14,6 @@ const STEPS: usize = 16;
 /// Limit of convergence: squared length of a step, in standard errors.
 const REST: f64 = 1e-6;
 
-/// Largest number of halvings of a step that does not lower the sum.
 const HALVINGS: f64 = 4.0;
 
 /// A reading is inconsistent with the wrench if it is this many standard deviations from its curve.
@@ -30,7 +27,6 @@ pub(super) struct Invert<'a, const N: usize> {
 }
 
 impl<const N: usize> WithSimd for Invert<'_, N> {
-    /// The estimates, and the least sum of each row.
     type Output = (Estimates, Vec<f64>);
 
     #[inline(always)]
@@ -77,12 +73,10 @@ struct LaneState<S: Simd, const N: usize> {
     held_back: Lanes<S>,
 }
 
-/// Final state of each lane.
 struct NewtonResult<S: Simd, const N: usize> {
     state: LaneState<S, N>,
     /// The last step, which is too short to evaluate the curves again.
     rest: [Lanes<S>; N],
-    /// The sum at `state`.
     sum: Lanes<S>,
     /// One where the steps converged.
     converged: Lanes<S>,
@@ -125,7 +119,7 @@ impl<S: Simd> Frames<S> {
 }
 
 impl Inversion {
-    /// Makes steps from the start until each lane rests.
+    /// Makes steps until each lane has converged.
     #[inline(always)]
     fn descend<S: Simd, const N: usize>(&self, simd: S, frames: &Frames<S>) -> NewtonResult<S, N> {
         let (zero, one) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 1.0));
@@ -137,8 +131,8 @@ impl Inversion {
         for _ in 0..STEPS {
             let at = std::array::from_fn(|axis| state.x[axis] + step[axis]);
             let next = self.state(simd, frames, &at);
-            // The sum with the previous variances shows whether this step goes down. The sum with the new
-            // variances is the reference for the next step.
+            // The sum with the previous variances shows whether this step goes down. The sum with
+            // the new variances is the reference for the next step.
             let (by_old, by_new) = (self.sum(&next, &state.weight), self.sum(&next, &next.weight));
             let is_down = simd.less_than_or_equal_f64s(by_old.1, before.1);
             let down = zero.replaced(is_down, active);
@@ -163,7 +157,6 @@ impl Inversion {
         NewtonResult { state, rest, sum: before, converged }
     }
 
-    /// The minimised sum, with these inverse variances.
     #[inline(always)]
     fn sum<S: Simd, const N: usize>(
         &self,
@@ -286,7 +279,6 @@ impl Inversion {
 }
 
 impl<S: Simd, const N: usize> LaneState<S, N> {
-    /// Replaces itself by `next` in the lanes of `taken`.
     #[inline(always)]
     fn take(&mut self, taken: S::m64s, next: &Self, sensors: usize) {
         for axis in 0..N {

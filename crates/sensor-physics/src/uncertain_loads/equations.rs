@@ -17,15 +17,12 @@ pub(super) struct OfLoad {
     pub(super) descent: [f64; OWN],
     /// Coupling with the border, a row for each deviation.
     pub(super) coupling: [Vec<f64>; OWN],
-    /// One row for the reading of each sensor.
     pub(super) rows: Vec<Row>,
 }
 
-/// A reading under a load.
 pub(super) struct Row {
     pub(super) residual: f64,
     pub(super) slope: f64,
-    /// Derivatives with respect to the deviations of the load.
     pub(super) by_load: [f64; OWN],
     /// Positions in the border that it depends on, with the derivatives.
     pub(super) border: Vec<(usize, f64)>,
@@ -94,8 +91,8 @@ impl LoadEquations {
             let mut curvature = load.curvature;
             (0..OWN).for_each(|k| curvature[k][k] *= more);
             let factor = Cholesky::new(&curvature)?;
-            // With h = L·Lᵀ: L⁻¹·coupling, whose squares the elimination of the load subtracts from the
-            // border.
+            // With h = L·Lᵀ: L⁻¹·coupling, whose squares the elimination of the load subtracts from
+            // the border.
             let mut taken: [Vec<f64>; OWN] = std::array::from_fn(|_| vec![0.0; border.size]);
             let mut following = taken.clone();
             for (position, descent) in descent.iter_mut().enumerate() {

@@ -2,11 +2,10 @@
 
 use shell_data::wrench::{LoadErrors, PerAxis, cross, force_at};
 
-/// Number of deviations of a load, in stated errors: one of its size, two of its direction, three of its
-/// lever.
+/// Number of deviations of a load, in stated errors: one of its size, two of its direction, three
+/// of its lever.
 pub(super) const OWN: usize = 6;
 
-/// Number of components of a mounting's lever offset.
 pub(super) const SHARED: usize = 3;
 
 /// A load as it was written down.
@@ -52,7 +51,6 @@ impl LoadQuantity {
         }
     }
 
-    /// Length of this quantity's deviation, in stated errors.
     pub(super) fn length(self, own: &[f64; OWN]) -> f64 {
         own[self.positions()].iter().map(|x| x * x).sum::<f64>().sqrt()
     }
@@ -90,7 +88,7 @@ impl StatedLoad {
         squares.map(f64::sqrt)
     }
 
-    /// Wrench and direction with these deviations, in stated errors, and this offset of the mounting, m.
+    /// Wrench and direction with these deviations (stated errors) and offset of the mounting (m).
     pub(super) fn deviated(
         &self,
         own: &[f64; OWN],

@@ -1,20 +1,21 @@
-//! Hung weights as the reference: loads known up to stated errors, estimated together with the sensors.
+//! Hung weights as the reference: loads known up to stated errors, estimated together with the
+//! sensors.
 //!
 //! ```text
-//! yᵢⱼ = fᵢ(bᵢ + aᵢᵀxⱼ(δⱼ, o)) + e      δⱼ: mass, two angles, lever of load j      o: lever offset of its mounting
+//! yᵢⱼ = fᵢ(bᵢ + aᵢᵀxⱼ(δⱼ, o)) + e δⱼ: mass, two angles, lever of load j o: lever offset of its mounting
 //! ```
 //!
-//! Eight readings determine more of a pose than the six parameters of a force at a point (only five of the
-//! six matter). So errors of a load can be told from errors of the sensors. Levenberg-Marquardt steps find
-//! all of them together, at the maximum of the posterior density. The deviations of a load are eliminated
-//! from the equations first (a Schur complement: Triggs et al., Bundle Adjustment, 2000, §6). Their prior has
-//! the stated errors and Student's shape for each of mass, direction and lever: a mistyped value costs little
-//! more than a few standard errors and does not bend the sensors (Lange, Little & Taylor, J. Am. Stat. Assoc.
-//! 84, 1989). The noise is corrected for the part of the residuals that sensors and loads absorbed, as in a
-//! fit to known loads.
+//! Eight readings determine more of a pose than the six parameters of a force at a point (only five
+//! matter), so errors of a load can be separated from errors of the sensors. Levenberg-Marquardt
+//! steps find all of them at the maximum of the posterior density, after the deviations of each
+//! load are eliminated from the equations (a Schur complement: Triggs et al., Bundle Adjustment,
+//! 2000, §6). Their prior has the stated errors and Student's shape for each of mass, direction and
+//! lever: a mistyped value does not bend the sensors (Lange, Little & Taylor, J. Am. Stat. Assoc.
+//! 84, 1989). The noise is corrected for the part of the residuals that sensors and loads absorbed,
+//! as in a fit to known loads.
 //!
-//! Errors that all loads have in common are not corrected: a turn or a shift of all of them is another frame
-//! of reference.
+//! Errors that all loads have in common are not corrected: a turn or a shift of all of them is
+//! another frame of reference.
 
 mod equations;
 mod load;
@@ -34,15 +35,14 @@ use shell_data::wrench::PerAxis;
 /// Degrees of freedom of Student's prior: one load in a few dozen may be far off.
 const FREEDOM: f64 = 4.0;
 
-/// A quantity is suspicious beyond this many stated errors, or beyond this many times the scatter of the
-/// table if that is larger.
+/// A quantity is suspicious beyond this many stated errors, or beyond this many times the scatter
+/// of the table if that is larger.
 const FAR: f64 = 5.0;
 
-/// Standard deviation of the priors of lo, ln h and ln ν: the middle one of the candidates of a fit.
+/// Standard deviation of the priors of lo, ln h and ln ν: the middle candidate of a fit.
 const WIDTH: f64 = 0.5;
 
-/// Number of rounds, and of steps of all parameters in a round. Each round uses the weights and the noise
-/// from the previous one.
+/// Rounds, and steps in a round. Each round uses weights and noise from the previous one.
 const ROUNDS: usize = 20;
 const STEPS: usize = 3;
 
@@ -123,7 +123,6 @@ struct Unknowns {
 
 struct LoadSearch<'a> {
     loads: &'a [StatedLoad],
-    /// Readings and stated wrenches.
     data: Scaled,
     scales: Scales,
     mounting_m: f64,
@@ -132,7 +131,6 @@ struct LoadSearch<'a> {
     damping: f64,
 }
 
-/// Weights and prior that stay fixed during a round.
 struct FixedWeights {
     /// Inverse variances by load and sensor.
     readings: Vec<Vec<f64>>,
@@ -156,7 +154,6 @@ impl LoadSearch<'_> {
         at
     }
 
-    /// Makes one Levenberg-Marquardt step, if it lowers the sum.
     fn step(&mut self, at: &mut LoadEquations, weights: &FixedWeights) {
         let more = 1.0 + self.damping;
         let Some((reduced, descent, eliminated)) = at.reduced(more) else { return };
@@ -192,8 +189,8 @@ impl LoadSearch<'_> {
         units.map(|x| x * self.mounting_m)
     }
 
-    /// Wrench of a load in the scales of the model, and its derivatives with respect to the load's deviations
-    /// and the offset of its mounting.
+    /// Wrench of a load in the scales of the model, and its derivatives with respect to the load's
+    /// deviations and the offset of its mounting.
     fn wrench(&self, at: &Unknowns, row: usize) -> (PerAxis<f64>, [PerAxis<f64>; OWN + SHARED]) {
         // Central differences of a smooth function with numbers of order 1 have a relative error of 1e-8.
         const STEP: f64 = 1e-4;

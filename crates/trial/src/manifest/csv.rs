@@ -7,7 +7,6 @@ use shell_data::hint::{did_you_mean, quoted};
 
 const REQUIRED: usize = 4;
 
-/// Alternative names of columns.
 const OTHER_NAMES: [(&str, &str); 9] = [
     ("log", "file"),
     ("t_enter", "t_enter_s"),
@@ -53,7 +52,6 @@ pub(super) fn parse(text: &str) -> Result<Manifest, ManifestProblem> {
     keys.map(|_| manifest).ok_or_else(empty)
 }
 
-/// The key of each column.
 fn header(
     record: &StringRecord,
     lexed: &Lexed,
@@ -96,14 +94,12 @@ fn row(
     Entry::new(lexed.field(0), cells.collect())
 }
 
-/// The positions of the fields of a record.
 struct Lexed {
     line: usize,
     columns: Vec<usize>,
 }
 
 impl Lexed {
-    /// Locates the record at or after the byte `start`.
     fn new(text: &str, start: usize, separator: u8) -> Self {
         // The reader's position is where it continued, which may be a blank line or a comment.
         let mut start = start;

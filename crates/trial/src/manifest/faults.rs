@@ -7,9 +7,8 @@ use super::{CellPosition, Entry, Manifest, ManifestProblem};
 use shell_data::hint::{did_you_mean, suggest};
 
 impl Manifest {
-    /// The rows in conflict with others, by their numbers from 0: rows whose window overlaps that of an
-    /// earlier trial on the same log, and rows whose condition is not declared (in `declared`, or otherwise
-    /// in the manifest).
+    /// Rows in conflict, numbered from 0: their window overlaps that of an earlier trial on the
+    /// same log, or their condition is not in `declared` or otherwise the manifest's conditions.
     pub fn faults(&self, declared: Option<&[String]>) -> Vec<(usize, ManifestProblem)> {
         let declared = declared.or(self.conditions.as_deref());
         let mut faults = Vec::new();
@@ -38,8 +37,8 @@ impl Manifest {
         faults
     }
 
-    /// Conditions that are probably mistyped: equal to another except for case, spaces and punctuation, or
-    /// used once and one letter away from a more frequent one.
+    /// Conditions that are probably mistyped: equal to another except for case, spaces and
+    /// punctuation, or used once and one letter away from a more frequent one.
     pub fn suspicious(&self) -> Vec<ManifestProblem> {
         if self.conditions.is_some() {
             return Vec::new();
@@ -76,7 +75,6 @@ impl Manifest {
     }
 }
 
-/// Treats `./run.txt` like `run.txt`.
 fn without_dots(file: &str) -> PathBuf {
     Path::new(file).components().filter(|part| *part != Component::CurDir).collect()
 }

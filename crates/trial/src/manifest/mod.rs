@@ -7,8 +7,8 @@
 //! logs/run3.txt,2 cm,3.1,6.0,,,,fell over,yes
 //! ```
 //!
-//! Only the first four columns are required. The TOML form has a table `[[trial]]` for each trial, with the
-//! same keys, and optionally `conditions = ["free", "3 cm"]`, which then lists all allowed conditions.
+//! Only the first four columns are required. TOML has a table `[[trial]]` for each trial, with the
+//! same keys; optional `conditions = ["free", "3 cm"]` lists all allowed conditions.
 
 mod csv;
 mod faults;
@@ -27,11 +27,9 @@ use shell_data::hint::did_you_mean;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Manifest {
     pub rows: Vec<Result<Entry, ManifestProblem>>,
-    /// All allowed conditions, if the manifest lists them.
     pub conditions: Option<Vec<String>>,
 }
 
-/// A trial as given in the manifest.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Entry {
     pub position: CellPosition,
@@ -41,9 +39,7 @@ pub struct Entry {
     pub condition_position: CellPosition,
     /// Entry into the channel, s on the log's clock; `None` if it is to be found in the forces.
     pub enter: Placed<Option<f64>>,
-    /// Exit from the channel, likewise.
     pub exit: Placed<Option<f64>>,
-    /// True if the trial is to be omitted.
     pub exclude: bool,
 }
 
@@ -71,7 +67,6 @@ impl fmt::Display for CellPosition {
     }
 }
 
-/// A problem at some position of a manifest, a profile or a table.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{position}: {message}")]
 pub struct ManifestProblem {
@@ -109,7 +104,6 @@ pub struct Placed<T> {
     pub position: CellPosition,
 }
 
-/// The cells of a trial by key.
 type Cells<'a> = BTreeMap<&'a str, Placed<String>>;
 
 /// The names of the columns or keys; the first four are required.
@@ -137,8 +131,8 @@ impl Manifest {
     /// Reads a manifest: TOML if `is_toml`, otherwise CSV.
     ///
     /// # Errors
-    /// [`ManifestProblem`] if the manifest as a whole is invalid: not TOML, missing or unknown columns, no
-    /// trials. A problem with one trial is in its row.
+    /// [`ManifestProblem`] if the manifest as a whole is invalid: not TOML, missing or unknown
+    /// columns, no trials. A problem with one trial is in its row.
     pub fn parse(text: &str, is_toml: bool) -> Result<Self, ManifestProblem> {
         let manifest = if is_toml { Self::from_toml(text)? } else { csv::parse(text)? };
         if manifest.rows.is_empty() {
@@ -248,9 +242,7 @@ impl Placed<String> {
 /// One of several shares of consecutive rows, which together make up the whole.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shard {
-    /// The number of this share, from 1.
     number: usize,
-    /// The number of shares.
     of: usize,
 }
 
@@ -258,7 +250,7 @@ impl Shard {
     /// The largest number of shares, so that their names sort by number.
     pub const MOST: usize = 99_999;
 
-    /// The share `number`, from 1; `None` if the number is out of range, or there are too many shares.
+    /// `None` if the number, from 1, is out of range, or there are too many shares.
     pub fn new(number: usize, of: usize) -> Option<Self> {
         (1 <= number && number <= of && of <= Self::MOST).then_some(Self { number, of })
     }

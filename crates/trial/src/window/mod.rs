@@ -1,48 +1,42 @@
-//! Proposes the window of a trial, entry into and exit from the channel, from the drag alone, with a
-//! confidence.
+//! Proposes the window of a trial, entry into and exit from the channel, from the drag alone, with
+//! a confidence.
 //!
-//! Drag over time is compared with a plateau over a constant: zero, rising while the robot enters, level,
-//! falling while it leaves, zero. It rises and falls smoothly, since the nose of a rounded shell bends its
-//! first beam only slightly. All pairs of entry and exit on a coarse grid are tried, with level and constant
-//! by least squares, and the best is refined with halved steps. The drag is first averaged over a stride, so
-//! that the shaking by the legs has no effect.
+//! The model of the drag is zero, rising while the robot enters, constant, falling while it leaves,
+//! zero, plus a constant offset. It rises and falls smoothly, since the nose of a rounded shell
+//! bends its first beam only slightly. All pairs of entry and exit on a coarse grid are tried, with
+//! height and offset by least squares, and the best is refined with halved steps. The drag is first
+//! averaged over a stride, which removes the shaking by the legs.
 //!
-//! The *confidence* is the share of the slow variation of the drag that the plateau explains (R²). It is low
-//! for a drag that comes and goes several times, or is small against other variations. Standard errors come
-//! from non-linear least squares, with the residuals' variance enlarged by their correlation time, since
-//! neighbouring residuals are correlated (Bartlett, J. R. Statist. Soc. B 8, 27, 1946).
+//! The *confidence* is the share of the slow variation of the drag that this plateau explains (R²).
+//! It is low for a drag that comes and goes several times, or is small against other variations.
+//! Standard errors come from non-linear least squares, with the residuals' variance enlarged by
+//! their correlation time (Bartlett, J. R. Statist. Soc. B 8, 27, 1946).
 
 mod plateau;
 
 use plateau::{DragPlateau, PlateauFit, refine, search, standard_errors};
 
-/// Number of bins into which a log is averaged.
 const BINS: usize = 240;
 /// The averaging time if the length of a stride is unknown, s.
 const USUAL_STRIDE_S: f64 = 0.25;
-/// The minimum confidence for a proposal.
 const LEAST_CONFIDENCE: f64 = 0.5;
 /// From this confidence on, a proposal can be used without inspection.
 pub const GOOD_CONFIDENCE: f64 = 0.8;
 /// The minimum drag, in units of its standard error.
 const LEAST_SIGNIFICANCE: f64 = 4.0;
 
-/// A window proposed from the drag.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Proposal {
     /// Onset of sustained drag, s on the log's clock.
     pub t_enter_s: f64,
     /// End of sustained drag, s.
     pub t_exit_s: f64,
-    /// Standard error of the onset, s.
     pub t_enter_se_s: f64,
-    /// Standard error of the end, s.
     pub t_exit_se_s: f64,
     /// Duration of the rise, and of the fall, s.
     pub ramp_s: f64,
-    /// Drag on the level part, relative to that outside the window, N.
+    /// Drag on the plateau, relative to that outside the window, N.
     pub drag_n: f64,
-    /// Standard error of that drag, N.
     pub drag_se_n: f64,
     /// Drag outside the window, N: the residual of the tare.
     pub outside_n: f64,
@@ -64,37 +58,33 @@ impl Proposal {
     }
 }
 
-/// The reason why no window can be proposed.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum NoWindow {
-    /// Too few rows with a force, or too short a time, to find an onset.
     #[error("{rows} rows of force over {duration_s:.3} s are too few to find a window in")]
     TooShort { rows: usize, duration_s: f64 },
-    /// The drag is absent or not significant. The fields describe the best stretch, its drag, and the
-    /// standard error.
+    /// Absent or not significant; the fields describe the best interval.
     #[error(
         "no sustained drag: the best interval, {t_enter_s:.2} s to {t_exit_s:.2} s, has {drag_n:.4} N{}",
         if drag_se_n.is_finite() { format!(" ± {drag_se_n:.4} N") } else { String::new() }
     )]
     NoDrag { t_enter_s: f64, t_exit_s: f64, drag_n: f64, drag_se_n: f64 },
-    /// The drag does not form a single plateau. The fields describe the best stretch, and the share of the
-    /// variation that it explains.
+    /// Not a single plateau; the fields describe the best interval, and the share of the variation
+    /// that it explains.
     #[error(
         "onset and end of the drag are unclear: {t_enter_s:.2} to {t_exit_s:.2} s explains {:.0} % of its \
          variation", 100.0 * confidence
     )]
     Unclear { t_enter_s: f64, t_exit_s: f64, confidence: f64 },
-    /// The log starts within the drag (true) or ends within it.
     #[error("the log {} within the drag: it holds no whole window", if *.0 { "starts" } else { "ends" })]
     Cut(bool),
 }
 
-/// Proposes entry and exit from the drag −Fx in N at `time_s` in s. The drag must be tared and free of filter
-/// delay (unfiltered, or filtered forward and backward). Values that are not finite are skipped. `stride_s`
-/// is the length of a stride, if known.
+/// Proposes entry and exit from the drag −Fx in N at `time_s` in s, tared and free of filter delay
+/// (unfiltered, or filtered forward and backward). Skips values that are not finite. `stride_s` is
+/// the length of a stride, if known.
 ///
 /// # Errors
-/// [`NoWindow`] if there is no stretch of drag, more than one, or one that the log cuts off.
+/// [`NoWindow`] if there is no interval of drag, more than one, or one that the log cuts off.
 ///
 /// # Panics
 /// If the slices differ in length.

@@ -1,9 +1,8 @@
-//! Plateaus of the drag, the best fit of one, and the standard errors of its start and end.
+//! Plateaus of the drag, and the best fit of one with standard errors.
 
 /// Initial values of the rise and the fall, each as a share of the window.
 const RAMPS: [f64; 4] = [0.05, 0.15, 0.3, 0.45];
 
-/// A plateau in a channel, times in s.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct DragPlateau {
     pub(super) enter: f64,
@@ -13,7 +12,7 @@ pub(super) struct DragPlateau {
 }
 
 impl DragPlateau {
-    /// 0 outside, 1 on the level part.
+    /// 0 outside, 1 on the plateau.
     pub(super) fn share(&self, time_s: f64) -> f64 {
         let length_s = self.exit - self.enter;
         let rising = (time_s - self.enter) / (self.ramp * length_s);
@@ -23,7 +22,7 @@ impl DragPlateau {
     }
 }
 
-/// The best-fitting level and constant, with the residual.
+/// Best height and offset, with the residual.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PlateauFit {
     pub(super) plateau: DragPlateau,
@@ -41,7 +40,7 @@ pub(super) fn search(points: &[(f64, f64)]) -> PlateauFit {
             for ramp in RAMPS {
                 let fit =
                     fit(points, DragPlateau { enter: points[enter].0, exit: points[exit].0, ramp });
-                // A stretch with less drag than outside fits as well, upside down.
+                // An interval with less drag than outside fits as well, upside down.
                 if fit.drag > 0.0 && best.is_none_or(|best| fit.residual < best.residual) {
                     best = Some(fit);
                 }
@@ -86,7 +85,7 @@ pub(super) fn refine(
     best
 }
 
-/// Level and constant by least squares: a line over the plateau's share.
+/// Height and offset by least squares: a line over the plateau's share.
 fn fit(points: &[(f64, f64)], plateau: DragPlateau) -> PlateauFit {
     let n = points.len() as f64;
     let [mut x, mut y, mut xx, mut xy, mut yy] = [0.0; 5];
@@ -103,7 +102,7 @@ fn fit(points: &[(f64, f64)], plateau: DragPlateau) -> PlateauFit {
     PlateauFit { plateau, drag, outside: (y - drag * x) / n, residual: (syy - drag * sxy).max(0.0) }
 }
 
-/// Standard errors of level, entry and exit; infinite if the data do not determine them.
+/// Standard errors of height, entry and exit; infinite if the data do not determine them.
 pub(super) fn standard_errors(points: &[(f64, f64)], fit: &PlateauFit) -> [f64; 3] {
     const UNKNOWNS: usize = 5;
     let n = points.len();

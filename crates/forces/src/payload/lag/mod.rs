@@ -1,13 +1,13 @@
-//! The lag between the clock of a motion and that of a wrench.
+//! Lag between the clock of a motion and that of a wrench.
 //!
-//! A payload's forces step when its gravity steps. A step here is the difference between the means of two
-//! adjoining stretches, so a lasting push affects few steps. The lag is the one with the smallest sum of
-//! absolute residuals, to which rare large residuals, such as taps, contribute little. Several lengths of the
-//! stretches are tried, and the one whose residuals the lag reduces most is used: short stretches separate
-//! fast motions from pushes, long ones separate slow motions from noise.
+//! A payload's forces step when its gravity steps. A step is the difference between the means of
+//! two adjoining blocks of time, so a lasting push affects few steps. The lag has the smallest sum
+//! of absolute residuals, to which rare large ones, such as taps, contribute little. Several
+//! lengths of blocks are tried: short ones separate fast motions from pushes, long ones slow
+//! motions from noise. The length whose residuals the lag reduces most is used.
 //!
-//! Contact that follows the motion biases the lag without adding scatter. These forces can have any
-//! phase relative to gravity, whereas the effect of a lag is in quadrature. The in-phase part of the
+//! Contact that follows the motion biases the lag without adding scatter. It can have any phase
+//! relative to gravity, whereas the effect of a lag is in quadrature: the in-phase part of the
 //! residuals is therefore added to the standard error.
 
 use std::array::from_fn;
@@ -19,15 +19,13 @@ use super::vector::{Vector, dot, norm, scaled, subtract};
 use super::{Motion, Payload};
 use shell_data::statistics::RunningVariance;
 
-/// Lengths of the stretches, s. Vibrations faster than the shortest would fit at several lags.
+/// Lengths of the blocks, s. Vibrations faster than the shortest would fit at several lags.
 const LENGTHS_S: [f64; 4] = [0.03, 0.06, 0.12, 0.24];
 /// Number of steps from zero to the largest lag searched, in either direction.
 const LARGEST: usize = 100;
-/// Spacing of the tried lags, s.
 const STEP_S: f64 = 0.001;
-/// Steps between rows: the stretches of closer rows share most of their samples.
+/// Steps between rows: the blocks of closer rows share most of their samples.
 const ROW: usize = 5;
-/// The maximum number of rows used.
 const MOST_ROWS: usize = 20_000;
 /// Number of parts of the recording whose scatter gives the standard error.
 const PARTS: usize = 20;
@@ -46,7 +44,6 @@ pub struct Lag {
 }
 
 impl Lag {
-    /// Returns true if the standard error is negligible: at most a millisecond.
     pub fn is_certain(&self) -> bool {
         self.standard_error_s <= SMALL_S
     }
@@ -58,8 +55,8 @@ impl Lag {
     }
 }
 
-/// Estimates the lag of a motion behind the forces, N, of a sensor that carries `payload`. Returns `None` if
-/// no lag is clearly best: in a run without motion, or dominated by other forces.
+/// Estimates the lag of a motion behind the forces, N, of a sensor that carries `payload`. Returns
+/// `None` if no lag is clearly best: in a run without motion, or dominated by other forces.
 pub fn find_lag(
     payload: &Payload,
     motion: &Motion,
@@ -74,14 +71,11 @@ pub fn find_lag(
     scans.min_by(|a, b| a.left.total_cmp(&b.left))?.lag()
 }
 
-/// The residuals at all lags, for stretches of one length.
 struct LagScan<'a> {
     length_s: f64,
     mass_kg: f64,
     gravity: Integral<'a>,
-    /// Times and steps of the forces.
     rows: Vec<(f64, Vector)>,
-    /// Sums of absolute residuals at each lag, by part.
     sums: Vec<[f64; PARTS]>,
     best: usize,
     /// The residual at the best lag, relative to the median of all lags.
@@ -170,7 +164,8 @@ impl<'a> LagScan<'a> {
         (curvature > 0.0 && standard_error_s.is_finite()).then_some(Lag { lag_s, standard_error_s })
     }
 
-    /// Returns true if a lag leaves significantly larger residuals than the best one, judged over the parts.
+    /// Returns true if a lag leaves significantly larger residuals than the best one, judged over
+    /// the parts.
     fn is_worse(&self, lag: usize) -> bool {
         let more: [f64; PARTS] = from_fn(|part| self.sums[lag][part] - self.sums[self.best][part]);
         more.iter().sum::<f64>() / PARTS as f64 > CLEAR * standard_error(&more)

@@ -1,4 +1,5 @@
-//! Matrices in memory as a source of rows, for these tests and for the certified problems of the program.
+//! Matrices in memory as a source of rows, for these tests and the certified problems of the
+//! program.
 
 use faer::{Mat, MatRef};
 
@@ -6,14 +7,11 @@ use super::{
     LeastSquares, LeastSquaresError, Method, Reduction, Ridge, RowChunk, RowSource, Shape, solve,
 };
 
-/// `X` and `Y` in memory.
-///
-/// Columns are multiplied by powers of two that bring their largest element near one, so squares neither
-/// overflow nor underflow in any units, even with subnormal numbers.
+/// `X` and `Y` in memory. Columns are multiplied by powers of two that bring their largest element
+/// near one, so squares neither overflow nor underflow in any units, even with subnormal numbers.
 #[derive(Clone, Debug)]
 pub(crate) struct Dense<'a> {
     x: MatRef<'a, f64>,
-    /// Rounding errors of `x`.
     tails: Option<MatRef<'a, f64>>,
     y: MatRef<'a, f64>,
     /// Exponents of the powers of two that scale the columns of `[X | Y]`.
@@ -21,7 +19,7 @@ pub(crate) struct Dense<'a> {
 }
 
 impl<'a> Dense<'a> {
-    /// A source with rows of `x` (n × p) and `y` (n × q). With tails, the elements of `X` are `x + tails`.
+    /// Rows of `x` (n × p) and `y` (n × q). With tails, the elements of `X` are `x + tails`.
     ///
     /// # Panics
     /// If the shapes do not match.
@@ -39,7 +37,6 @@ impl<'a> Dense<'a> {
         Self { x, tails, y, units: units.collect() }
     }
 
-    /// Converts a solution to the units of `X` and `Y`.
     fn unscaled(&self, mut solved: LeastSquares) -> Result<LeastSquares, LeastSquaresError> {
         let (p, q) = (self.x.ncols(), self.y.ncols());
         let (x, y) = self.units.split_at(p);
