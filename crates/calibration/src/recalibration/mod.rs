@@ -47,7 +47,7 @@ impl ChangedQuantity {
     }
 }
 
-/// Larger differences after all changes, in stated errors, cannot come from changes of these kinds.
+/// Largest differences, in stated errors, that remain after changes of these kinds.
 const CONTRADICTION: f64 = 2.0;
 
 /// Standard deviations of the widest priors: a zero as a share of the calibrated range of the
@@ -62,7 +62,8 @@ const TURN_RAD: f64 = 0.12;
 /// change so much.
 const IMPOSSIBLE: f64 = 4.0;
 
-/// Candidate shares of these widths: a handful of numbers determines their scatter to some 30 %.
+/// Candidate shares of these widths: a handful of numbers shows only their order, so halves
+/// suffice.
 const SHARES: [f64; 6] = [0.0, 0.0625, 0.125, 0.25, 0.5, 1.0];
 
 /// Start of the search for shares, and number of passes through all four.
