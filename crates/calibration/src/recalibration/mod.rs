@@ -47,7 +47,7 @@ impl ChangedQuantity {
     }
 }
 
-/// Largest differences, in stated errors, that remain after changes of these kinds.
+/// Larger differences after all changes, in stated errors, cannot come from changes of these kinds.
 const CONTRADICTION: f64 = 2.0;
 
 /// Standard deviations of the widest priors: a zero as a share of the calibrated range of the
@@ -62,8 +62,7 @@ const TURN_RAD: f64 = 0.12;
 /// change so much.
 const IMPOSSIBLE: f64 = 4.0;
 
-/// Candidate shares of these widths: a handful of numbers shows only their order, so halves
-/// suffice.
+/// Candidate shares of these widths: halves suffice, as scatter is known to some 30 % at best.
 const SHARES: [f64; 6] = [0.0, 0.0625, 0.125, 0.25, 0.5, 1.0];
 
 /// Start of the search for shares, and number of passes through all four.
