@@ -110,7 +110,7 @@ impl Model {
 
     /// Returns the total force on a body whose middle is at `x_m`, m past the first beam.
     ///
-    /// The cost is that of the beams in contact, of one wall if the body runs in the middle.
+    /// The cost is proportional to the beams in contact; in the middle, one wall suffices.
     pub fn total(&self, x_m: f64) -> Total {
         let mut total = Total::default();
         self.add_wall(&mut total, Wall::Left, x_m);

@@ -39,9 +39,8 @@ pub struct Settings {
 
 impl Settings {
     /// Settings after a reset: 100 Hz, means of 8 conversions (one burst of the converter), 100 µs
-    /// to settle. That is the longest response time in Sharp's data sheets of such
-    /// photointerrupters into 1 kΩ (GP1S560: 90 and 100 µs). A longer one lets more flicker
-    /// through.
+    /// to settle, the longest response time in Sharp's data sheets of such photointerrupters into
+    /// 1 kΩ (GP1S560: 90 and 100 µs). A longer one lets more flicker through (docs/board.md).
     pub const DEFAULT: Self =
         Self { stream: Stream::Raw, period_us: 10_000, conversions: 8, settling_us: 100 };
 }

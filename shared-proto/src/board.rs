@@ -55,7 +55,7 @@ coded! {
 
 /// A board's name in commands: the CRC-32 of its serial number.
 ///
-/// Of two given boards, one pair in four thousand million shares a name.
+/// Two given boards share a name with a probability of one in four thousand million.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct BoardId(u32);
 

@@ -39,14 +39,15 @@ pub enum AlignError {
     TooShort { side: RecordingSide, rows: usize, span_s: f64 },
     #[error("{0}: no column changes")]
     Constant(RecordingSide),
-    /// Explained share of the readings' changes at the best offset.
+    /// No offset agrees; the field is the explained share of the readings' changes at the best one.
     #[error(
         "no common load found: at the best offset the reference explains {:.0} % of the readings, needed are \
          {:.0} %",
         100.0 * .0, 100.0 * LEAST_EXPLAINED
     )]
     NoMatch(f64),
-    /// Offsets: reference minus board. `ratio`: score of the second relative to the best.
+    /// Two offsets (reference minus board); `ratio` is the score of the second relative to the
+    /// best.
     #[error(
         "ambiguous match: offset {second_s:.3} s is {:.0} % as good as the best, {best_s:.3} s (at most \
          {:.0} % allowed)",

@@ -40,7 +40,7 @@ use resample::{Resampler, STOPBAND_DB};
 use shell_data::statistics::RunningVariance;
 use trajectory::Trajectory;
 
-/// Upper limit of the matched band: loads by hand and taps are slower, and fewer rows are faster.
+/// Upper limit of the matched band: loads by hand and taps are slower, and a low rate saves rows.
 const HIGHEST_MATCHED_RATE_HZ: f64 = 250.0;
 /// Length of the block of time for the first search: enough for many contacts, and short enough
 /// that 200 ppm of skew blur it by less than a tap.

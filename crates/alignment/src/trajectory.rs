@@ -9,7 +9,7 @@ use super::response::{MemoryModel, MemoryResponse};
 /// and 1e-5 at a quarter of it.
 const PER_OUTPUT: f64 = 4.0;
 
-/// Leaves faster loads small against the noise; a longer kernel would only take longer.
+/// Attenuation of faster loads: small against the noise; a longer kernel would only take longer.
 const STOPBAND_DB: f64 = 50.0;
 
 #[derive(Debug)]

@@ -198,7 +198,10 @@ impl CalibrationFile {
         known.then(|| std::array::from_fn(share))
     }
 
-    /// [`CalibrationFileError`] if the file at `path` cannot be read, or as [`Self::parse`].
+    /// Reads the JSON document at `path`.
+    ///
+    /// # Errors
+    /// [`CalibrationFileError`] if it cannot be read, or as [`Self::parse`].
     pub fn read(path: &Path) -> Result<Self, CalibrationFileError> {
         input::document(path, DocumentKind::Json, Self::parse)
     }

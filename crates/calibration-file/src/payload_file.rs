@@ -50,7 +50,10 @@ struct PayloadDocument<'f> {
 }
 
 impl PayloadFile {
-    /// [`CalibrationFileError`] if the file at `path` cannot be read, or as [`Self::parse`].
+    /// Reads the document at `path`.
+    ///
+    /// # Errors
+    /// [`CalibrationFileError`] if it cannot be read, or as [`Self::parse`].
     pub fn read(path: &Path) -> Result<Self, CalibrationFileError> {
         let parse = |text: &[u8]| Self::parse(text).map_err(Problem::Inconsistent);
         input::document(path, DocumentKind::Json, parse)

@@ -29,7 +29,8 @@ pub struct Calibration {
     pub valid_range: Option<Vec<ReadingRange>>,
     /// Memory terms that must follow the readings.
     pub memory: Option<MemoryTerms>,
-    /// Lag of the training logs' reference behind the readings, which the fit compensated.
+    /// Lag of the training logs' reference behind the readings. The fit compensated it: forces
+    /// refer to the time of the reading.
     pub lag: Option<ReferenceLag>,
 }
 

@@ -183,7 +183,7 @@ pub fn label_poses_or_files(data: &Dataset) -> Dataset {
     label_poses(data).map_or_else(|| label_by_file(data), |(_, data)| data)
 }
 
-/// By groups within which errors may be correlated, if a sample of the rows shows some.
+/// Labels rows by groups within which errors may be correlated, if a sample shows some.
 pub(crate) fn label_poses(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     given(data).or_else(|| label_plateaus(data))
 }
@@ -197,7 +197,7 @@ fn label_plateaus(data: &Dataset) -> Option<(GroupBy, Dataset)> {
 /// Groups of a column are poses if at most this share of the variance of the loads is within them.
 const WITHIN_POSES: f64 = 0.1;
 
-/// True for groups of a column in which loads hardly change, or plateaus in all logs.
+/// Returns true for groups of a column in which loads hardly change, or plateaus in all logs.
 pub(crate) fn has_poses(data: &Dataset) -> bool {
     match data.logs.iter().all(|log| log.has_groups) {
         true => loads_are_constant_in_groups(data),

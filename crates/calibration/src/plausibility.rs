@@ -18,7 +18,7 @@ const TIMES_LOAD: f64 = 1e12;
 /// dropped outliers move the centre.
 const WIDTHS: f64 = 1e3;
 
-/// With more channels, only the corners where all channels but one agree are checked.
+/// Most channels for all corners; with more, only those where all channels but one agree.
 const CORNER_CHANNELS: usize = 8;
 
 /// An implausible value in a calibration.

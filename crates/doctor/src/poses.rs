@@ -131,7 +131,7 @@ fn noise(column: &[f64]) -> f64 {
 mod tests {
     use super::*;
 
-    /// Poses of 100 rows: two channels with own levels and noise of one count, loads 0, 1, 2, ….
+    /// Poses of 100 rows: two channels with own means and noise of one count, loads 0, 1, 2, ….
     fn poses(change: impl Fn(usize, usize, usize) -> f64) -> Vec<PoseJump> {
         let mut rows = LabelledRows::default();
         for pose in 0..6 {

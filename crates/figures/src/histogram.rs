@@ -40,7 +40,7 @@ impl Bins {
         }
     }
 
-    /// This window if it contains the range, otherwise one with the same or wider bins.
+    /// A window that contains the range: this one if possible, otherwise one with wider bins.
     fn widened(self, range: ValueRange) -> Self {
         match self.contains(range.low) && self.contains(range.high) {
             true => self,

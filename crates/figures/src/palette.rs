@@ -29,7 +29,7 @@ pub(super) const GRID: Colour = Colour(0xe4e4e4);
 pub(super) const ZERO: Colour = Colour(0x999999);
 /// Background of the time that the robot is partly in a channel.
 pub(super) const PARTLY_INSIDE: Colour = Colour(0xe6e6e6);
-/// Time that it is wholly in: in grey print between the other background and white.
+/// Background of the time wholly in a channel: in grey print between the other one and white.
 pub(super) const INSIDE: Colour = Colour(0xfbe9ea);
 pub(super) const SPREAD: Colour = Colour(0xc9dcea);
 /// Reference lines over densities: identity, zero residual.
@@ -41,7 +41,7 @@ const VIRIDIS: [u32; 10] = [
     0xfde725,
 ];
 
-/// Sequential scale over 0..=1, from dark (single points must be visible on white) to light.
+/// Colour at 0..=1 of a scale, from dark (single points must be visible on white) to light.
 pub(super) fn sequential(t: f64) -> Colour {
     let position = t.clamp(0.0, 1.0) * (VIRIDIS.len() - 1) as f64;
     let index = (position as usize).min(VIRIDIS.len() - 2);

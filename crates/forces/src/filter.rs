@@ -59,8 +59,8 @@ pub struct Butterworth {
     sections: Vec<FilterSection>,
 }
 
-/// One real pole or one pair of complex poles; `g = tan(π·cutoff/rate)` is the prewarped cutoff,
-/// `k = 1/Q` the damping.
+/// A section with one real pole or one pair of complex poles; `g = tan(π·cutoff/rate)` is the
+/// prewarped cutoff, `k = 1/Q` the damping.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum FilterSection {
     /// `g / (s + g)` under the bilinear transform `s = (z − 1)/(z + 1)`.
@@ -271,8 +271,9 @@ mod tests {
     }
 
     impl FilterSection {
-        /// `[b0, b1, b2, 1, a1, a2]`, with the poles of `scipy.signal.butter(…, output="sos")`.
-        /// Each section has gain 1 at zero frequency; SciPy puts the whole gain in the first.
+        /// The biquad `[b0, b1, b2, 1, a1, a2]`, with the poles of
+        /// `scipy.signal.butter(…, output="sos")`. Each section has gain 1 at zero frequency; SciPy
+        /// puts the whole gain in the first.
         fn biquad(&self) -> [f64; 6] {
             match *self {
                 FilterSection::Real { g } => {

@@ -79,7 +79,7 @@ struct Between {
 }
 
 impl Between {
-    /// Searches from row `from` on; `None` if a row that it needs may still have to come.
+    /// Finds a time from row `from` on; `None` if a row that it needs may still have to come.
     fn find(times: &[f64], from: usize, wanted: f64, are_all: bool) -> Option<Self> {
         let mut before = from;
         while before > 0 && times[before] > wanted && times[before - 1] <= times[before] {

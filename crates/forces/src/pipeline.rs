@@ -238,6 +238,8 @@ impl PipelineSetup {
         }
     }
 
+    /// Builds the pipeline.
+    ///
     /// # Errors
     /// [`ForceError`] if there were too few rows for tare or clock, or the filter is impossible.
     pub fn finish(self, calibration: &Calibration) -> Result<ForcePipeline, ForceError> {

@@ -30,7 +30,7 @@ pub(super) struct TareSearch {
     pub(super) frames: Option<TareFrames>,
     /// The zeros at the stationary intervals, if the tare follows them.
     zeros: Option<StationaryZeros>,
-    /// `None` if the caller searches, and only the first interval is needed here.
+    /// The search; `None` if the caller searches, and only the first interval is needed here.
     pub(super) finder: Option<StationaryFinder>,
 }
 

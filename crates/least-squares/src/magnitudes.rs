@@ -13,7 +13,8 @@ pub struct Histogram<const BITS: u32, const OCTAVES: u64> {
 /// A histogram with the resolution that prediction intervals need.
 pub type Magnitudes = Histogram<6, 24>;
 
-/// For the scale of a robust fit: quantiles to 0.4 %, even if outliers made the unit large.
+/// A histogram for the scale of a robust fit: quantiles to 0.4 %, even if outliers made the unit
+/// large.
 pub type FineMagnitudes = Histogram<8, 48>;
 
 /// The power of two from which on numbers share the last bin.
@@ -79,7 +80,7 @@ impl Magnitudes {
     }
 }
 
-/// Not generic, so that it is compiled in this crate, where inner loops are optimised.
+/// Is not generic, so that it is compiled in this crate, where inner loops are optimised.
 #[inline(never)]
 fn add_counts(sums: &mut [u32], counts: &[u32]) {
     sums.iter_mut().zip(counts).for_each(|(sum, n)| *sum += n);

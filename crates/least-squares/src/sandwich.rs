@@ -233,7 +233,7 @@ struct Correction {
 }
 
 impl Correction {
-    /// For `share`, `K`; `None` if an eigenvalue of `I − K` is too small.
+    /// Corrects for `share`, `K`; `None` if an eigenvalue of `I − K` is too small.
     fn new(share: SymmetricMatrix) -> Result<Option<Self>, FitError> {
         let eigen = share.eigen().ok_or(FitError::NearlyDependent)?;
         let rest: Vec<f64> = eigen.values.iter().map(|value| 1.0 - value.max(0.0)).collect();

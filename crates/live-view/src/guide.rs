@@ -1,9 +1,9 @@
 //! A guide through planned loads: the next load, its stillness, and the loads recorded so far.
 //!
 //! ```text
-//! at rest, unloaded ─▶ hang ─▶ still and loaded ─▶ for two seconds: recorded ─▶ take off, or the next ─▶ …
-//!                        ▲                                                             │
-//!                        └──────────────────────── it moves ◀─────────────────────────┘
+//! still, unloaded ─▶ hang ─▶ still and loaded ─▶ for two seconds: recorded ─▶ take off, or the next ─▶ …
+//!                      ▲                                                             │
+//!                      └──────────────────────── it moves ◀─────────────────────────┘
 //! ```
 //!
 //! *Still*: over a second no channel scatters by more than [`QUIET`] times its noise at the start,

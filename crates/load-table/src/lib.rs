@@ -11,7 +11,7 @@
 //! | `dx`, `dy`, `dz` | or a vector of any length along the force |
 //! | `azimuth_deg`, `elevation_deg` | or angles: from x towards y, and up from the plane of these |
 //! | `roll_deg`, `pitch_deg`, `yaw_deg` | or the attitude of the sensor in the room, where the load pulls down |
-//! | `ax`, `ay`, `az` | or the readings of an accelerometer on the sensor at rest, in any unit |
+//! | `ax`, `ay`, `az` | or the readings of an accelerometer on the still sensor, in any unit |
 //! | `fx_n` … `mz_nm` | or the wrench itself, if no mass and no force is given |
 //! | `mounting` | a label shared by the loads of one mounting of the lever |
 //! | `mass_error_g` (or `_kg`), `force_error_n` (or `_mn`), `angle_error_deg` (or `_rad`), `lever_error_mm` (or `_cm`, `_m`) | standard errors; 0.2 %, 1° and 1 mm if absent |

@@ -80,7 +80,7 @@ impl PartialGroups {
         }
     }
 
-    /// `sources` are the merged sources, those of `self` (`own` of them) first.
+    /// Adds groups. `sources` are the merged sources, those of `self` (`own` of them) first.
     pub(super) fn add(
         &mut self,
         other: &Self,

@@ -23,7 +23,7 @@ const RIDGE: f64 = 1e-10;
 /// Largest lag that is searched, in periods.
 const FARTHEST: usize = 64;
 
-/// Knots for loads at a lag and their slope: the second is the one before the lag.
+/// Number of knots for loads at a lag and their slope; the second is the one before the lag.
 const KNOTS: usize = 4;
 
 /// Products over the rows of each fold, and over the rows of every [fit](FoldEquations::fits).

@@ -68,8 +68,7 @@ impl RowClock {
         (self.time_base == TimeBase::Seconds).then_some(GAP_PERIODS * self.period)
     }
 
-    /// # Errors
-    /// [`FitError::TimeConstant`] if a time constant is not positive.
+    /// Memory terms; [`FitError::TimeConstant`] if a time constant is not positive.
     pub(super) fn memory(&self, time_constants: &[f64]) -> Result<MemoryTerms, FitError> {
         let is_wrong = |tau: &&f64| !(**tau > 0.0 && tau.is_finite());
         if let Some(&wrong) = time_constants.iter().find(is_wrong) {

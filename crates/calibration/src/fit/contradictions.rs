@@ -25,7 +25,8 @@ const MOST_REFERENCES: usize = 4;
 /// Minimum number of rows per channel of a part that serves as the reference.
 const ROWS_PER_CHANNEL: usize = 4;
 
-/// Limit for a part: this many errors of the reference part, but at least this share of its loads.
+/// Limit for a part's error: this many errors of the reference part, but at least this share of its
+/// loads.
 const MOST: f64 = 3.0;
 const NO_ERROR: f64 = 1e-3;
 

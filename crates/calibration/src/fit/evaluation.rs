@@ -173,8 +173,9 @@ impl RowErrors {
         Ok(all)
     }
 
-    /// Results for training rows and test rows. `size_unit` has the units in which errors on the
-    /// training rows are counted by size, and `row_test` tests these rows as outliers.
+    /// Computes the results for training rows and test rows. `size_unit` has the units in which
+    /// errors on the training rows are counted by size, and `row_test` tests these rows as
+    /// outliers.
     pub(super) fn of_fit(
         calibration: &Calibration,
         [train, test]: [&Dataset; 2],

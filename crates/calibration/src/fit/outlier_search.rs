@@ -18,7 +18,7 @@ use shell_data::wrench::{Axis, PerAxis};
 
 const MOST_ROUNDS: usize = 12;
 
-/// More rows are not slips: this share of all rows, but at least the second number.
+/// Most rows that can be slips: this share of all rows, but at least the second number.
 const LARGEST_SHARE: f64 = 0.01;
 const MANY: usize = 50;
 

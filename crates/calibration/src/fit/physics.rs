@@ -148,7 +148,8 @@ fn assign_folds(rows: &TrainingRows, folds: usize) -> Result<Vec<Vec<u64>>, FitE
     Ok(assign_groups(&rows.group_sizes(), folds)?.into_iter().map(groups_of).collect())
 }
 
-/// Blocks of time are not each held out alone by default: each has many rows, and none is a pose.
+/// Number of folds. Blocks of time are not held out one by one: each has many rows, and none is a
+/// pose.
 fn fold_count(held_out: HeldOut, groups: usize, group_by: GroupBy) -> usize {
     match held_out {
         HeldOut::Folds(folds) => folds.min(groups),

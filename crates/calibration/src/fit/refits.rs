@@ -148,7 +148,7 @@ pub(super) fn cross_validate(
     Ok(found.beside_random(with_rows, at_random.collect::<Result<_, _>>().ok()))
 }
 
-/// By set of groups if there are too many groups and folds of them are held out.
+/// Sums by group, or by set of groups if there are too many and folds of them are held out.
 pub(super) fn sum_groups_or_sets(
     rows: &Dataset,
     basis: Basis,

@@ -62,7 +62,7 @@ const TURN_RAD: f64 = 0.12;
 /// change so much.
 const IMPOSSIBLE: f64 = 4.0;
 
-/// Candidate shares of these widths: a handful of numbers determines their scatter to some 30 %.
+/// Candidate shares of these widths: halves suffice, as scatter is known to some 30 % at best.
 const SHARES: [f64; 6] = [0.0, 0.0625, 0.125, 0.25, 0.5, 1.0];
 
 /// Start of the search for shares, and number of passes through all four.

@@ -18,7 +18,7 @@ use sensor_physics::response::Answer;
 use sensor_physics::{Observation, PhysicsModel, Sensor};
 use shell_data::wrench::PerAxis;
 
-/// Linearisations: the third moves the result by a thousandth of a standard error.
+/// Number of linearisations: the third moves the result by a thousandth of a standard error.
 const ROUNDS: usize = 4;
 
 /// Step of central differences, in standard deviations of the widest priors and in reference
@@ -63,7 +63,8 @@ pub(super) struct FoundChange {
     pub(super) held_out: BTreeMap<u64, Change>,
     /// Log evidence: how much more probable the observations are than without a change.
     pub(super) ln_evidence: f64,
-    /// Before and after the change, in stated errors; the second includes the prior terms.
+    /// RMS of the differences before and after the change, in stated errors; the second with the
+    /// prior terms.
     pub(super) disagreement: [f64; 2],
     /// Quantity that would have changed more than in any sensor.
     pub(super) impossible: Option<ChangedQuantity>,
@@ -309,7 +310,7 @@ impl<'a> ChangeSearch<'a> {
         }
     }
 
-    /// From errors of the calibration and of the reference.
+    /// Factor of the covariance of differences, from errors of the calibration and the reference.
     fn factor_of_errors(&self, at: usize, variance_scale: f64) -> Mat<f64> {
         let observation = &self.loads.observations[at];
         let mut covariance = match &self.calibration.kind {
@@ -366,7 +367,7 @@ fn scaled(model: &PhysicsModel, wrench: &PerAxis<f64>) -> PerAxis<f64> {
     std::array::from_fn(|axis| wrench[axis] / model.wrench_scale[axis])
 }
 
-/// `V` of the readings, in squared ranges: noise, uncertain parameters and shared factors.
+/// Covariance `V` of the readings, in squared ranges: noise, uncertain parameters, shared factors.
 fn covariance_of_readings(model: &PhysicsModel, wrench: &PerAxis<f64>) -> Mat<f64> {
     let x = scaled(model, wrench);
     let of = |sensor: &Sensor| {

@@ -15,7 +15,8 @@ use shell_data::wrench::{Axes, Axis, PerAxis};
 /// Share of an axis's sum of squares below which a sign counts as hardly loaded.
 const SMALL_SHARE: f64 = 0.1;
 
-/// Longest plausible lever: an arm of 1 m has less. Moments with a longer one are in another unit.
+/// Longest plausible lever: a shell of 10 cm has levers of a few cm, and an arm of 1 m has less
+/// than this. Moments with a longer lever are in another unit.
 pub const LONGEST_LEVER_M: f64 = 2.0;
 
 /// Correlation from which two axes count as moving together.
@@ -205,9 +206,9 @@ vectorised! {
 
 const LANES: usize = 8;
 
-/// Rows above zero after multiplication by `sign`, and their sum of squares. Each sum and side has
-/// a loop: the compiler generates branches instead of vectors if one condition follows from
-/// another.
+/// Number of rows above zero after multiplication by `sign`, and their sum of squares; zeros are on
+/// neither side. Each sum and side has a loop: the compiler generates branches instead of vectors
+/// if one condition follows from another.
 #[inline(always)]
 fn sign(column: &[f64], sign: f64) -> (u64, f64) {
     let load = |x: f64| if sign * x > 0.0 { sign * x } else { 0.0 };

@@ -39,7 +39,7 @@ const STEP_IN_NOISE: f64 = 8.0;
 const STEP_IN_FLICKER: f64 = 4.0;
 const FLICKER_SHARE: f64 = 0.85;
 
-/// Median intervals by which a clock jumps back, or forward by at least a second too.
+/// A clock jumps by this many median intervals back, or forward if that is a second or more.
 const BACK_IN_INTERVALS: f64 = 10.0;
 const FORWARD_IN_INTERVALS: f64 = 100.0;
 const FORWARD_S: f64 = 1.0;

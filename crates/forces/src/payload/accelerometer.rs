@@ -26,7 +26,7 @@ pub struct Accelerometer {
     pub matrix: Matrix,
     /// Gravity at an accelerometer reading of zero, m/s².
     pub offset_m_s2: Vector,
-    /// Error of gravity per axis; zero if only the accelerometer knows gravity.
+    /// RMS error of gravity per axis; zero if only the accelerometer knows gravity.
     pub residual_rms_m_s2: Vector,
 }
 

@@ -160,7 +160,8 @@ impl BinaryPlaces {
     /// places of the limbs are distributed: one or two above, for larger loads, and the rest below,
     /// because the last place of a number near zero is far below the last places of other numbers.
     pub(crate) fn limbs(self, width: u32) -> Option<Limbs> {
-        /// More places would be slower than other solvers and need more exponents than `f64` has.
+        /// Most places: more would be slower than other solvers and need more exponents than `f64`
+        /// has.
         const MOST_PLACES: i32 = 256;
         const LOWEST_UNIT: i32 = -960;
         if self.low > self.high {

@@ -16,7 +16,7 @@ pub struct ReadingUnit {
 
 impl ReadingUnit {
     pub(crate) const COUNT: Self = Self { twos: 0, fives: 0 };
-    /// Readings of a useful range in a finer unit would exceed 16 bits.
+    /// Finest unit in use: with a finer one, readings of a useful range would exceed 16 bits.
     const FINEST: Self = Self { twos: 8, fives: 5 };
 
     pub(crate) fn per_count(self) -> u32 {

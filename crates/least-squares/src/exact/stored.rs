@@ -41,7 +41,7 @@ pub struct StoredIntegers {
     pub values: Vec<String>,
 }
 
-/// Products of two loads, doubles between 10⁻³⁰⁸ and 10¹⁵, need some 700 digits.
+/// Most digits: products of two loads, doubles between 10⁻³⁰⁸ and 10¹⁵, need some 700.
 const MAX_DIGITS: usize = 2_000;
 
 /// Checks the length of an integer, because parsing takes time quadratic in it.

@@ -327,8 +327,8 @@ mod tests {
         (solution, groups.finish().unwrap())
     }
 
-    /// From the singular vectors of all rows: the variances of predictions at the rows, and the
-    /// products of residuals. Neither needs an inverse, so the condition does not matter.
+    /// Computes from the singular vectors of all rows the variances of predictions at the rows, and
+    /// the products of residuals. Neither needs an inverse, so the condition does not matter.
     fn dense(x: &Mat<f64>, block: &Block) -> (Vec<Mat<f64>>, Mat<f64>) {
         let (n, svd) = (x.nrows(), x.thin_svd().unwrap());
         let u = svd.U();

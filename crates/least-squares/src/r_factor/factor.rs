@@ -152,7 +152,7 @@ impl RFactor {
     }
 }
 
-/// For an upper triangular `R` of rank `rank`, with the directions in which columns cancel.
+/// The error for an upper triangular `R` of this rank, with the directions in which columns cancel.
 pub(crate) fn rank_deficient(r: MatRef<'_, f64>, rank: usize) -> LeastSquaresError {
     let columns = r.ncols();
     let Ok(svd) = equilibrated(r).0.svd() else { return LeastSquaresError::NotFinite };

@@ -65,7 +65,8 @@ pub enum CoefficientCovariance {
 }
 
 impl Covariance {
-    /// For independent errors of rows; `None` if there are no more rows than coefficients.
+    /// The covariance with independent errors of rows; `None` if there are no more rows than
+    /// coefficients.
     pub fn from_rows(solution: &Solution) -> Option<Self> {
         let factor = &solution.factor;
         let degrees_of_freedom =
@@ -161,7 +162,8 @@ impl Covariance {
         })
     }
 
-    /// From R factors, with the intervals that `intervals` computes from the scatter.
+    /// Like [`Covariance::from_groups`], from R factors; `intervals` computes intervals from the
+    /// scatter.
     pub(super) fn from_r_factors(
         rows: &FactoredGroups,
         solution: &Solution,

@@ -48,7 +48,8 @@ pub struct ErrorShape {
 }
 
 impl ErrorShape {
-    /// From sizes counted in units of `unit[axis]`; `rms` is their root mean square, in N and N·m.
+    /// The shape from sizes in units of `unit[axis]`; `rms` is their root mean square, in N and
+    /// N·m.
     pub fn from_errors(
         sizes: &PerAxis<Magnitudes>,
         unit: &PerAxis<f64>,

@@ -18,7 +18,7 @@ use shell_data::wrench::PerAxis;
 /// model's errors from 60 groups on), and one fit per group would take long.
 pub(super) const MOST_GROUPS: usize = 50;
 
-/// From the `score` of each of `groups` groups; `None` if there are too many, or only one.
+/// The intervals from the `score` of each group; `None` if there are too many, or only one.
 pub(super) fn of_scores(
     groups: usize,
     workers: Workers<'_>,

@@ -47,12 +47,14 @@ impl FoldMean {
         Self { value, standard_error: (spread * n / (n - 1.0)).sqrt() }
     }
 
-    /// For a log ratio of errors: true if the first is smaller, by more than a standard error.
+    /// Returns true if, by a log ratio of errors, the first is smaller by more than a standard
+    /// error.
     pub fn first_is_better(self) -> bool {
         self.value < -self.standard_error
     }
 
-    /// For a log ratio of errors: true if the second is smaller, by more than a standard error.
+    /// Returns true if, by a log ratio of errors, the second is smaller by more than a standard
+    /// error.
     pub fn second_is_better(self) -> bool {
         self.value > self.standard_error
     }

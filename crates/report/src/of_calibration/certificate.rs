@@ -43,7 +43,7 @@ pub struct Contribution {
     pub basis: String,
     /// The standard uncertainty of each axis, if known.
     pub standard: Option<PerAxis<f64>>,
-    /// From the number of observations (GUM, G.3.3); `None` if the uncertainty is taken as exact.
+    /// Degrees of freedom (GUM, G.3.3), from the number of observations; `None` if taken as exact.
     pub degrees_of_freedom: Option<f64>,
     /// True if another line already includes it.
     pub is_part: bool,

@@ -51,7 +51,7 @@ pub fn add_to_plot(plot: &mut FitPlot, calibration: &Calibration, data: &Dataset
     }
 }
 
-/// Figures of the training rows and, if any, the test rows.
+/// Predictions and measurements for figures of the training rows and, if any, the test rows.
 pub fn plots(fit: &Fit) -> (FitPlot, Option<FitPlot>) {
     let plot = |data| {
         let mut plot = FitPlot::default();

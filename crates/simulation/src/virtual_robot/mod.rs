@@ -115,7 +115,7 @@ impl TrialSettings {
 pub enum Counter {
     /// The lab's format: 32 bits with a sign, from somewhere in the middle.
     Long,
-    /// The same, but it wraps around after two seconds of running.
+    /// Like `Long`, but it wraps around after two seconds of running.
     LongWrapping,
     /// From 0 to 65,535 in each turn.
     Turn,
@@ -163,7 +163,7 @@ impl VirtualTrial {
         let times_s: Vec<f64> = (0..rows).map(|row| to_us(FIRST_S + row as f64 * ROW_S)).collect();
         let mut controller = RandomStream::new(seed, Purpose::Controller, 0);
         let drive = Drive::new(&gait, lead_in_s, &times_s, &mut controller);
-        // Whole turns, as the encoder's zero is a position of the leg: about two seconds.
+        // About two seconds, in full turns: the encoder's zero is a position of the leg.
         let span = TURN * (2.0 * stride_hz) as i64;
         let first_count = match settings.counter {
             Counter::Long => 762 * TURN,

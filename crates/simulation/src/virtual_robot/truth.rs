@@ -18,9 +18,9 @@ pub struct Truth {
     pub mean_power_w: f64,
     /// Mean power over weight and speed.
     pub specific_resistance: f64,
-    /// Whole turns of the right encoder within the window.
+    /// Full turns of the right encoder within the window.
     pub strides: Vec<StrideTruth>,
-    /// Whole turns of the right encoder in the whole log.
+    /// Full turns of the right encoder in the log.
     pub turns_s: Vec<f64>,
     pub constants: Constants,
     pub settings: TrialSettings,

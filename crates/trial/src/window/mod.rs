@@ -62,7 +62,7 @@ impl Proposal {
 pub enum NoWindow {
     #[error("{rows} rows of force over {duration_s:.3} s are too few to find a window in")]
     TooShort { rows: usize, duration_s: f64 },
-    /// Absent or not significant; the fields describe the best interval.
+    /// The drag is absent or not significant; the fields describe the best interval.
     #[error(
         "no sustained drag: the best interval, {t_enter_s:.2} s to {t_exit_s:.2} s, has {drag_n:.4} N{}",
         if drag_se_n.is_finite() { format!(" ± {drag_se_n:.4} N") } else { String::new() }
