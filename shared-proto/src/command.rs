@@ -14,7 +14,7 @@ pub const MAX_PIECE: usize = 32;
 pub type Piece = Bytes<MAX_PIECE>;
 
 coded! {
-    /// A request to the board. An unknown code or invalid arguments are read as [`Command::Unknown`].
+    /// A request to the board. An unknown code or invalid arguments become [`Command::Unknown`].
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     #[non_exhaustive]
     #[expect(missing_docs, reason = "a variant says what its fields are")]

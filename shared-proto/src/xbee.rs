@@ -1,9 +1,9 @@
 //! API frames of an XBee, which a base station in API mode sends and receives.
 //!
-//! A frame is 0x7E, a big-endian length, that many bytes of data and a checksum that makes the sum of data
-//! and checksum 0xFF. With escapes (AP=2), the bytes 0x7E, 0x7D, 0x11 and 0x13 after the start are sent as
-//! 0x7D and the byte XOR 0x20, so that 0x7E always starts a frame; without escapes (AP=1) it can occur
-//! anywhere. Source: Digi, "XBee/XBee-PRO S1 802.15.4 (Legacy) User Guide", 90000982, chapter "API
+//! A frame is 0x7E, a big-endian length, that many bytes of data and a checksum with which they add
+//! up to 0xFF. With escapes (AP=2), 0x7E, 0x7D, 0x11 and 0x13 after the start are sent as 0x7D and
+//! the byte XOR 0x20, so that 0x7E always starts a frame; without (AP=1) it can occur anywhere.
+//! Source: Digi, "XBee/XBee-PRO S1 802.15.4 (Legacy) User Guide", 90000982, chapter "API
 //! operation"; for 0x10 and 0x90 the "XBee/XBee-PRO S2C Zigbee User Guide", 90002002.
 
 use crate::field::{Bytes, Reader};

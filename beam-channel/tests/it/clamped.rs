@@ -1,4 +1,4 @@
-//! Clamped bending beams, compared with a physics engine, with shooting, and with their stored energy.
+//! Clamped bending beams, compared with a physics engine, with shooting, and with their energy.
 
 use beam_channel::{Model, Normal, Setup, SetupError, Wall};
 

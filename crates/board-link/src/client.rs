@@ -24,7 +24,7 @@ const OTHERS: Duration = Duration::from_millis(100);
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Uplink {
     pub framing: Framing,
-    /// Address of the board's module if the base station is in API mode; 0xFFFF addresses all modules.
+    /// Address of the board's module behind a base station in API mode; 0xFFFF for all modules.
     pub to: u16,
 }
 
