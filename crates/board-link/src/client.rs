@@ -65,7 +65,7 @@ impl<P: Read + Write> Client<P> {
 
     /// Sends a command repeatedly until its answer arrives.
     ///
-    /// Unless a board was chosen, a command for one goes to that which answers
+    /// A command for one board goes to the chosen one, or else to the one that answers
     /// [`Command::Identify`].
     ///
     /// # Errors

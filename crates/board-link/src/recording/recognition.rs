@@ -62,8 +62,7 @@ impl Recognition {
         Self { asked_for, ..Self::default() }
     }
 
-    /// Takes bytes that arrived at `now`; returns the protocol once detected, with all bytes so
-    /// far.
+    /// Takes bytes that arrived at `now`; returns the protocol once known, and all bytes so far.
     ///
     /// # Errors
     /// [`NoFrame`] once frames are unlikely to come.
