@@ -25,7 +25,7 @@ pub(crate) struct Bending {
 pub(crate) struct Piece {
     pub(crate) end: f64,
     pub(crate) reach: Series,
-    /// Factor of normal and tangent, as long as in a [`Contact`](crate::Contact), in `EI/L²`.
+    /// Factor of normal and tangent, of the length in a [`Contact`](crate::Contact), in `EI/L²`.
     pub(crate) push: Series,
 }
 

@@ -182,7 +182,8 @@ impl Side {
         self.first_touch_rad + contact.turn()
     }
 
-    /// Returns the contact with a beam touched `travel_m` ago, between touch and release.
+    /// Returns the contact with a beam touched `travel_m` ago; `None` before touch or after
+    /// release.
     pub fn contact_after(&self, travel_m: f64) -> Option<Contact> {
         let touches = travel_m >= 0.0 && travel_m <= self.travel_m();
         touches.then(|| self.arc_at(travel_m).locate(&self.path, travel_m))

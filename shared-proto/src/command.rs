@@ -109,7 +109,7 @@ coded! {
         /// The board's version of the protocol is in the answer's header.
         OtherVersion = 2,
         OutOfRange = 3,
-        /// Conversions and settling take longer than the period; `shortest_us` is possible.
+        /// Conversions and settling take longer than the period; `shortest_us` would do.
         PeriodTooShort { shortest_us: u32 } = 4,
         /// Wrenches need a calibration, and the board has none.
         NoCalibration = 5,

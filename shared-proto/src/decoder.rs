@@ -97,7 +97,8 @@ impl Decoder {
         self.keep(bytes);
     }
 
-    /// Appends to the partial frame. Too long, only its end is kept: it may hold another frame.
+    /// Appends to the partial frame. If that is too long, only its end is kept: a frame may be in
+    /// it.
     fn keep(&mut self, bytes: &[u8]) {
         if !self.partial.try_extend(bytes) {
             let tail = &bytes[bytes.len().saturating_sub(MAX_FRAME)..];

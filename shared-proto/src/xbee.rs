@@ -47,7 +47,7 @@ pub enum ApiFrame<'a> {
     /// Data to the other side, at most [`MAX_PAYLOAD`] bytes: 0x00, 0x01 or 0x10, by address. The
     /// status repeats the id; 0 requests none.
     Transmit { id: u8, to: Address, payload: &'a [u8] },
-    /// Data from the other side: 0x80, 0x81 or 0x90, by address. Zigbee lacks `rssi`, in −dBm.
+    /// Data from the other side: 0x80, 0x81 or 0x90, by address; `rssi` in −dBm, unknown to Zigbee.
     Receive { from: Address, rssi: Option<u8>, payload: &'a [u8] },
 }
 

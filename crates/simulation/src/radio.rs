@@ -1,7 +1,7 @@
 //! A radio link with known failures, which it counts.
 //!
-//! Packets arrive late, lost (singly or in bursts), duplicated, reordered, or with corrupted bytes,
-//! as a seed determines. Times are arguments; there is no clock here.
+//! Packets are delayed, lost (singly or in bursts), duplicated, reordered or corrupted, as a seed
+//! determines. Times are arguments; there is no clock here.
 
 use std::collections::BTreeMap;
 
