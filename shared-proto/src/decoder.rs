@@ -21,6 +21,7 @@ impl Framing {
         [Framing::Cobs, Framing::Xbee(Mode::Plain), Framing::Xbee(Mode::Escaped)];
 }
 
+/// A decoded item.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 #[expect(missing_docs, reason = "a variant says what its fields are")]

@@ -28,6 +28,7 @@ pub enum Mode {
     Escaped,
 }
 
+/// A module's address.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[expect(missing_docs, reason = "a variant says what its fields are")]
 pub enum Address {
