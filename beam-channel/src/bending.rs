@@ -13,7 +13,7 @@ pub(crate) const PIECES: usize = 3;
 /// The path of a clamped beam's contact along the body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Bending {
-    /// As in `Path::landmarks`: where the travel falls, otherwise 0; before its maximum; the table's end.
+    /// As in `Path::landmarks`: where the travel falls, or 0; before its maximum; the table's end.
     pub(crate) landmarks: [f64; 3],
     /// In the order of `z`; the last one may be repeated.
     pub(crate) pieces: [Piece; PIECES],
@@ -25,7 +25,7 @@ pub(crate) struct Bending {
 pub(crate) struct Piece {
     pub(crate) end: f64,
     pub(crate) reach: Series,
-    /// Factor of normal and tangent, as long as in a [`Contact`](crate::Contact), in `EI/L²`.
+    /// Factor of normal and tangent, of the length in a [`Contact`](crate::Contact), in `EI/L²`.
     pub(crate) push: Series,
 }
 

@@ -19,8 +19,8 @@ pub struct BeamForce {
 
 /// The paper's force of a beam, `(k_t/L)·Δθ·(n̂ + μ_k·t̂)`.
 ///
-/// Bar and spring balance if the component across the bar, along `ê = (upright, reach)/L`, is `(k_t/L)·Δθ`.
-/// If that is requested, the force is divided by `(n̂ + μ_k·t̂)·ê`.
+/// Bar and spring balance if the component across the bar, along `ê = (upright, reach)/L`, is
+/// `(k_t/L)·Δθ`. If that is requested, the force is divided by `(n̂ + μ_k·t̂)·ê`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Law {
     stiffness: f64,

@@ -110,7 +110,7 @@ mod tests {
 
     #[test]
     fn the_rule_is_exact_for_polynomials_up_to_degree_39() {
-        // ∫ (1 + x)ⁿ dx over [−1, 1] = 2ⁿ⁺¹/(n + 1), with all powers of x: 21 rounded terms of a
+        // ∫ (1 + x)ⁿ dx over [−1, 1] = 2ⁿ⁺¹/(n + 1), with all powers of x: 21 rounded terms, one
         // sign.
         let rule = |n: i32| {
             let term = |x: f64| libm::pow(1.0 + x, f64::from(n));

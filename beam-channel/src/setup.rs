@@ -104,7 +104,7 @@ pub struct Rules {
 /// Definition of a beam's deflection from the position of its tip.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Angle {
-    /// The paper's arcsine of the tip's displacement: a beam beyond 90° counts as one before.
+    /// The paper's arcsine of the tip's displacement: a beam beyond 90° seems to have turned less.
     #[default]
     Folded,
     /// The angle that the beam has turned.
@@ -214,7 +214,8 @@ pub enum SetupError {
     Jams { wall: Wall, depth_m: f64, beam_length_m: f64 },
     /// Friction holds a tip of a wall if bar and spring, or a clamped beam, balance.
     Locks { wall: Wall, friction: f64 },
-    /// The body, m beyond a wall's tips, would press its plates against the line of their bases.
+    /// The body, this far past the tips, m, presses a wall's plates against the line of their
+    /// bases.
     Flattens { wall: Wall, depth_m: f64, beam_length_m: f64 },
     /// The body's middle, this far to the left of the channel's, m, is beyond the line of a wall's
     /// tips, half the channel's width away.

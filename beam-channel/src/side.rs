@@ -182,12 +182,14 @@ impl Side {
         self.first_touch_rad + contact.turn()
     }
 
-    /// Returns the contact with a beam touched `travel_m` ago, between touch and release.
+    /// Returns the contact with a beam touched `travel_m` ago; `None` before touch or after
+    /// release.
     pub fn contact_after(&self, travel_m: f64) -> Option<Contact> {
         let touches = travel_m >= 0.0 && travel_m <= self.travel_m();
         touches.then(|| self.arc_at(travel_m).locate(&self.path, travel_m))
     }
 
+    /// All beams must touch.
     #[inline]
     pub(crate) fn contacts<const N: usize>(&self, travels: [f64; N]) -> [Contact; N] {
         Arc::locate_all(travels.map(|travel| self.arc_at(travel)), &self.path, travels)
@@ -199,6 +201,7 @@ impl Side {
         arcs.iter().find(|arc| travel <= arc.travel[1]).unwrap_or(&arcs[arcs.len() - 1])
     }
 
+    /// The first base of the row is at 0.
     pub(crate) fn touching(&self, x_m: f64, beams: u32, pitch: f64) -> Range<u32> {
         let nose = x_m + self.engagement_m;
         let travel = |i: u32| nose - pitch * f64::from(i);

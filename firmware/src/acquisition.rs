@@ -148,6 +148,7 @@ pub(crate) struct Schedule {
 }
 
 impl Schedule {
+    /// `period_us` is at least 1.
     pub(crate) fn new(first_us: u64, period_us: u32) -> Self {
         let period_us = NonZeroU32::new(period_us).unwrap_or(NonZeroU32::MIN);
         Self { next_us: first_us, period_us }

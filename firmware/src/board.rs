@@ -7,10 +7,10 @@ use shared_proto::Vitals;
 pub trait FrontEnd {
     fn light(&mut self, channel: Option<usize>);
 
-    /// Returns the sum of back-to-back 12-bit conversions of a channel, from 1 to
-    /// [`MAX_CONVERSIONS`](crate::acquisition::MAX_CONVERSIONS), after `settling_us`.
-    ///
-    /// The sum is exact, so that converters that sum in hardware give the same readings.
+    /// Returns the sum of `conversions` 12-bit conversions of a channel, back to back after
+    /// `settling_us`: at least one, at most
+    /// [`MAX_CONVERSIONS`](crate::acquisition::MAX_CONVERSIONS). The sum is exact, so that
+    /// converters that sum in hardware give the same readings.
     async fn sum(&mut self, settling_us: u16, channel: usize, conversions: u8) -> u32;
 
     /// Returns three sums of a channel: emitter off, on after `settling_us`, and off again after

@@ -6,7 +6,8 @@
 //! receive ── commands ─────────▶ └──────┘ ── changed ───▶ acquire ── alive ──▶ watch
 //! ```
 //!
-//! On a board, each is a task. They share the core, never borrowed across an await, and signals.
+//! On a board, each is a task. They share the core, which is never borrowed across an await, and
+//! wake each other by signals.
 
 use crate::acquisition::{acquire, illuminate};
 use crate::board::{Chip, Clock, FrontEnd, SeenEdge, Storage};

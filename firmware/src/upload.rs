@@ -69,7 +69,11 @@ impl Upload {
         Ok(())
     }
 
-    /// Returns the CRC-32 of a complete and valid calibration, or the reason for a refusal.
+    /// Returns the CRC-32 of a complete and valid calibration.
+    ///
+    /// # Errors
+    /// [`Refusal::WrongSize`] if pieces are missing, [`Refusal::WrongCrc`] if the CRC-32 is not the
+    /// announced one, [`Refusal::BadCalibration`] if the bytes are not a calibration.
     pub(crate) fn finish(&self, record: &Record) -> Result<u32, Refusal> {
         if self.received < self.size {
             return Err(Refusal::WrongSize);

@@ -123,10 +123,11 @@ pub const FACTOR: usize = PARAMETERS * (PARAMETERS + 1) / 2;
 
 /// A model of the sensors' response curves.
 ///
-/// A sensor responds with `y = low + height·σ(offset + gains·x)^shape` with `σ(q) = 1/(1 + e⁻ᵠ)`, where `y =
-/// (r − least) · per_count` is its scaled reading and `x` the wrench in units of `wrench_scale`. The wrench
-/// of a frame minimises `Σ (y − f(x))²/v + xᵀPx` with `P` from `prior` and `v = reading_variance +
-/// displacement_variance·(df/dq)² + |Lᵀg|²`, `g = df/d(b, a, lo, ln h, ln ν)`, `L` from `factor`.
+/// A sensor's scaled reading `y = (r − least) · per_count` is `low + height·σ(offset +
+/// gains·x)^shape` with `σ(q) = 1/(1 + e⁻ᵠ)` and `x` the wrench in units of `wrench_scale`. The
+/// wrench of a frame minimises `Σ (y − f(x))²/v + xᵀPx` with `P` from `prior` and `v =
+/// reading_variance + displacement_variance·(df/dq)² + |Lᵀg|²`, `g = df/d(b, a, lo, ln h, ln ν)`,
+/// `L` from `factor`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Physics {
     /// Scale of the wrench, in N and N·m.

@@ -14,7 +14,7 @@ pub const MAX_PIECE: usize = 32;
 pub type Piece = Bytes<MAX_PIECE>;
 
 coded! {
-    /// A request to the board. An unknown code or invalid arguments are read as [`Command::Unknown`].
+    /// A request to the board. An unknown code or invalid arguments become [`Command::Unknown`].
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     #[non_exhaustive]
     #[expect(missing_docs, reason = "a variant says what its fields are")]
@@ -109,7 +109,7 @@ coded! {
         /// The board's version of the protocol is in the answer's header.
         OtherVersion = 2,
         OutOfRange = 3,
-        /// Conversions and settling take longer than the period; `shortest_us` is possible.
+        /// Conversions and settling take longer than the period; `shortest_us` would do.
         PeriodTooShort { shortest_us: u32 } = 4,
         /// Wrenches need a calibration, and the board has none.
         NoCalibration = 5,

@@ -21,6 +21,7 @@ impl Framing {
         [Framing::Cobs, Framing::Xbee(Mode::Plain), Framing::Xbee(Mode::Escaped)];
 }
 
+/// A decoded item.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 #[expect(missing_docs, reason = "a variant says what its fields are")]
@@ -97,7 +98,8 @@ impl Decoder {
         self.keep(bytes);
     }
 
-    /// Appends to the partial frame. Too long, only its end is kept: it may hold another frame.
+    /// Appends to the partial frame. If that is too long, only its end is kept: a frame may be in
+    /// it.
     fn keep(&mut self, bytes: &[u8]) {
         if !self.partial.try_extend(bytes) {
             let tail = &bytes[bytes.len().saturating_sub(MAX_FRAME)..];

@@ -1,9 +1,9 @@
 //! API frames of an XBee, which a base station in API mode sends and receives.
 //!
-//! A frame is 0x7E, a big-endian length, that many bytes of data and a checksum that makes the sum of data
-//! and checksum 0xFF. With escapes (AP=2), the bytes 0x7E, 0x7D, 0x11 and 0x13 after the start are sent as
-//! 0x7D and the byte XOR 0x20, so that 0x7E always starts a frame; without escapes (AP=1) it can occur
-//! anywhere. Source: Digi, "XBee/XBee-PRO S1 802.15.4 (Legacy) User Guide", 90000982, chapter "API
+//! A frame is 0x7E, a big-endian length, that many bytes of data and a checksum with which they add
+//! up to 0xFF. With escapes (AP=2), 0x7E, 0x7D, 0x11 and 0x13 after the start are sent as 0x7D and
+//! the byte XOR 0x20, so that 0x7E always starts a frame; without (AP=1) it can occur anywhere.
+//! Source: Digi, "XBee/XBee-PRO S1 802.15.4 (Legacy) User Guide", 90000982, chapter "API
 //! operation"; for 0x10 and 0x90 the "XBee/XBee-PRO S2C Zigbee User Guide", 90002002.
 
 use crate::field::{Bytes, Reader};
@@ -28,6 +28,7 @@ pub enum Mode {
     Escaped,
 }
 
+/// A module's address.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[expect(missing_docs, reason = "a variant says what its fields are")]
 pub enum Address {
@@ -47,7 +48,7 @@ pub enum ApiFrame<'a> {
     /// Data to the other side, at most [`MAX_PAYLOAD`] bytes: 0x00, 0x01 or 0x10, by address. The
     /// status repeats the id; 0 requests none.
     Transmit { id: u8, to: Address, payload: &'a [u8] },
-    /// Data from the other side: 0x80, 0x81 or 0x90, by address. Zigbee lacks `rssi`, in −dBm.
+    /// Data from the other side: 0x80, 0x81 or 0x90, by address; `rssi` in −dBm, unknown to Zigbee.
     Receive { from: Address, rssi: Option<u8>, payload: &'a [u8] },
 }
 

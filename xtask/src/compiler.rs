@@ -9,7 +9,7 @@ use crate::steps::{installed, workspace};
 pub(crate) const BOARD_TARGET: &str = "thumbv7em-none-eabihf";
 pub(crate) const PAGE_TARGET: &str = "wasm32-unknown-unknown";
 
-/// Other systems that the program compiles for; GNU's Windows would need its tools.
+/// Other systems that the program compiles for; Windows without GNU's tools, which may be missing.
 pub(crate) const SYSTEMS: [&str; 2] = ["x86_64-pc-windows-msvc", "aarch64-unknown-linux-gnu"];
 
 const DISTRIBUTION: &str = "/usr/bin";

@@ -1,4 +1,4 @@
-//! Clamped bending beams, compared with a physics engine, with shooting, and with their stored energy.
+//! Clamped bending beams, compared with a physics engine, with shooting, and with their energy.
 
 use beam_channel::{Model, Normal, Setup, SetupError, Wall};
 
@@ -38,7 +38,8 @@ fn mean_drag_of_plates_is_that_of_shooting_and_of_a_physics_engine() {
         let plateau = Model::new(&plates(width_m, 0.53)).unwrap().plateau().unwrap();
         // The quadrature over 300 positions is good to 1e-4.
         assert!((plateau.mean_drag_n / shooting_n - 1.0).abs() < 5e-4, "{width_m}: {plateau:?}");
-        // With 6 and 12 hinges 0.813 and 0.869 N: an error by their square, and 0.888 N at last.
+        // Chains of 6 and 12 hinges give 0.813 and 0.869 N: their error falls with the square of
+        // the hinges, to 0.888 N.
         assert!((plateau.mean_drag_n / engine_n - 1.0).abs() < 0.03, "{width_m}: {plateau:?}");
     }
     // The body reaches 3 cm past the tips of plates of 2.7 cm.

@@ -41,16 +41,15 @@ pub struct AppendWriter {
     file: File,
     length: u64,
     regular: bool,
-    /// Set after an error; no more data are written, since a hole would look like a transmission loss.
+    /// Set after an error; later data would leave a hole that looks like a transmission loss.
     failed: bool,
 }
 
 impl AppendWriter {
-    /// Creates the file like [`open_growing`].
+    /// Creates the file.
     ///
     /// # Errors
-    /// [`OutputError`] if the file cannot be created or its name has the extension of a binary table; if the
-    /// file exists, the error's source has kind `AlreadyExists`.
+    /// As [`open_growing`].
     pub fn create(path: &Path, overwrite: bool) -> Result<Self, OutputError> {
         if path.as_os_str() == "-" {
             return Err(OutputError::Stdout);

@@ -13,7 +13,7 @@ use std::time::Duration;
 
 const FIRST_LINE: &[u8] = b"shellcal raw 1\n";
 
-/// Encodes bytes that arrived together, the first ones after the file's first line.
+/// Encodes bytes that arrived together, after the first line if first; as they are without a time.
 pub(crate) fn piece(bytes: &[u8], arrival: Option<Duration>, is_first: bool) -> Vec<u8> {
     let Some(arrival) = arrival else { return bytes.to_vec() };
     let mut piece = Vec::new();

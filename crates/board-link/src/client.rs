@@ -24,7 +24,7 @@ const OTHERS: Duration = Duration::from_millis(100);
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Uplink {
     pub framing: Framing,
-    /// Address of the board's module if the base station is in API mode; 0xFFFF addresses all modules.
+    /// Address of the board's module behind a base station in API mode; 0xFFFF for all modules.
     pub to: u16,
 }
 
@@ -65,7 +65,7 @@ impl<P: Read + Write> Client<P> {
 
     /// Sends a command repeatedly until its answer arrives.
     ///
-    /// Unless a board was chosen, a command for one goes to that which answers
+    /// A command for one board goes to the chosen one, or else to the one that answers
     /// [`Command::Identify`].
     ///
     /// # Errors

@@ -72,6 +72,10 @@ impl PortOptions {
         self.port.starts_with(TCP)
     }
 
+    /// Opens the port for exclusive use.
+    ///
+    /// # Errors
+    /// [`LinkError`], which distinguishes a missing port, a port in use, and a lack of permission.
     pub fn open(&self) -> Result<Box<dyn Connection>, LinkError> {
         if let Some(address) = self.port.strip_prefix(TCP) {
             let connection = connect(address)

@@ -44,7 +44,7 @@ pub enum RecordCommand {
     /// Starts a new log for the first board; other boards get logs next to it.
     Record(Box<dyn LogSink>),
     StopLog,
-    /// Adds a flag with the mark's number to the first unwritten row from the frame with this index on.
+    /// Flags the first unwritten row from this frame on with the mark's number.
     Mark {
         index: i64,
         number: u32,

@@ -69,6 +69,7 @@ impl Finding {
         Self { check, severity: FindingSeverity::Warning, seen, advice }
     }
 
+    /// Returns a finding that makes results wrong or impossible, with advice.
     pub fn fault(check: &'static str, seen: impl Into<String>, advice: impl Into<String>) -> Self {
         Self { severity: FindingSeverity::Fault, ..Self::warning(check, seen, advice) }
     }

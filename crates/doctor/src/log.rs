@@ -21,7 +21,7 @@ use log_file::summary::LogSummary;
 /// Limit on the jitter, as a share of the interval between frames.
 const JITTER: f64 = 0.25;
 
-/// Share of rows in which an unusable clock runs back; concatenation does so only at each start.
+/// Share of rows in which an unusable clock runs back; in concatenated logs it does once in each.
 const NO_CLOCK: f64 = 0.1;
 
 /// Shares of missing rows: warning and fault.

@@ -119,7 +119,7 @@ fn split(column: &[f64]) -> Option<(usize, [f64; 2])> {
     Some((at, [mean + sum / at as f64, mean - sum / (rows - at) as f64]))
 }
 
-/// Standard deviation from differences of neighbouring rows, without the largest, of a jump.
+/// Standard deviation from differences of neighbouring rows, without the largest: a jump.
 fn noise(column: &[f64]) -> f64 {
     let squares = column.windows(2).map(|pair| (pair[1] - pair[0]).powi(2));
     let (sum, largest) =

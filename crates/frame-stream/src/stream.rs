@@ -97,6 +97,8 @@ pub struct StreamSummary {
 }
 
 impl FrameStream {
+    /// # Errors
+    /// [`UnsuitableCalibration`] if the calibration has another number of channels.
     pub fn new(options: StreamOptions, readers: Readers) -> Result<Self, UnsuitableCalibration> {
         let forces = options.forces.map(RunningForces::new).transpose()?;
         let simultaneous = match (options.from_log, options.one_time) {

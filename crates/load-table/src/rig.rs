@@ -69,9 +69,9 @@ impl WrenchBox {
         Ok(Self(ranges))
     }
 
-    /// Returns all combinations of both ends and the middle of each axis: the candidates of an
-    /// optimal second-order design (a 3ᵏ factorial; Box & Draper, Response Surfaces, 2nd ed.,
-    /// §11.3).
+    /// Returns all combinations of both ends and the middle of each axis, labelled from 1: the
+    /// candidates of an optimal second-order design (a 3ᵏ factorial; Box & Draper, Response
+    /// Surfaces, 2nd ed., §11.3).
     pub fn table(&self) -> HungLoads {
         let Self(ranges) = self;
         let mut rows = vec![[0.0; 6]];

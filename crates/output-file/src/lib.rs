@@ -224,7 +224,7 @@ impl AtomicFile {
                 let text = format!("there is no directory `{}`", directory.display());
                 return Err(io::Error::new(io::ErrorKind::NotFound, text));
             }
-            // The user does not know the temporary file's name, so only the kind of error is kept.
+            // The user does not know the temporary file's name: keep only the kind of error.
             Err(error) => return Err(error.kind().into()),
         };
         if let Some(replaced) = metadata {
@@ -251,10 +251,7 @@ impl AtomicFile {
         }
     }
 
-    /// Writes the whole content, and puts the file in place.
-    ///
-    /// # Errors
-    /// As for [`commit`](Self::commit).
+    /// Writes the whole content, and puts the file in place like [`commit`](Self::commit).
     pub fn commit_with(mut self, bytes: &[u8]) -> Result<(), OutputError> {
         match self.file.write_all(bytes) {
             Ok(()) => self.commit(),

@@ -1,4 +1,4 @@
-//! Temporary files, with a list of them for signals, which end the program without running destructors.
+//! Temporary files, and their removal by signals, which end the program without destructors.
 
 use std::collections::BTreeSet;
 use std::fs::File;
@@ -9,31 +9,28 @@ use std::sync::Mutex;
 use shell_data::lock::lock;
 use tempfile::TempPath;
 
-/// Every change is a single call, so the list stays valid if a thread panics while it holds the lock.
+/// Every change is a single call, so the list stays valid if a thread panics meanwhile.
 static UNFINISHED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
 /// Runs once, before the first temporary file is made.
 static BEFORE: Mutex<Option<fn()>> = Mutex::new(None);
 
-/// Registers `prepare` to run before the first temporary file is made. Only then is there something to clean
-/// up, and many commands make no temporary file.
+/// Registers `prepare` to run before the first temporary file, which many commands never make.
 pub fn before_unfinished(prepare: fn()) {
     *lock(&BEFORE) = Some(prepare);
 }
 
-/// Removes the temporary files of all unfinished outputs.
-///
-/// Call it when a signal ends the program: afterwards, opening or finishing an output blocks forever.
+/// Removes the temporary files of unfinished outputs when a signal ends the program: afterwards,
+/// opening or finishing an output blocks forever.
 pub fn remove_unfinished() {
     let unfinished = lock(&UNFINISHED);
     for path in unfinished.iter() {
-        // The file may already be gone, and there is nobody left to tell.
+        // The file may already be gone.
         let _ = std::fs::remove_file(path);
     }
     std::mem::forget(unfinished);
 }
 
-/// A file that is removed unless it is put in place.
 #[derive(Debug)]
 pub(super) struct Temporary {
     /// `None` once it is in place.
@@ -44,8 +41,8 @@ impl Temporary {
     pub(super) fn create_in(directory: &Path) -> io::Result<(File, Self)> {
         let mut builder = tempfile::Builder::new();
         builder.prefix(".shellcal-");
-        // Temporary files are private by default; a result is as open as the umask allows. On other systems a
-        // new file has the permissions of its folder.
+        // A result is as open as the umask allows; temporary files would be private. Elsewhere, the
+        // folder decides.
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
         if let Some(prepare) = lock(&BEFORE).take() {
@@ -70,7 +67,7 @@ impl Drop for Temporary {
         if let Some(path) = self.path.take() {
             let mut unfinished = lock(&UNFINISHED);
             unfinished.remove(&*path);
-            // Removed while the list is locked: a signal waits for the list before it ends the program.
+            // The list is locked, so that a signal waits for the removal.
             drop(path);
         }
     }

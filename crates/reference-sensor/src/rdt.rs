@@ -5,9 +5,9 @@
 //! record    rdt_sequence u32 · ft_sequence u32 · status u32 · Fx Fy Fz Tx Ty Tz i32     36 bytes
 //! ```
 //!
-//! Everything is big-endian (ATI 9620-05-Net FT, section 9). `rdt_sequence` counts the records sent since the
-//! start of the stream, `ft_sequence` the samples measured. A count of 0 requests records without end. In
-//! buffered mode a datagram holds several records.
+//! Everything is big-endian (ATI 9620-05-Net FT, section 9). `rdt_sequence` counts the records of
+//! the stream, `ft_sequence` the samples measured. A count of 0 requests records without end. In
+//! buffered mode a datagram holds several.
 
 pub const PORT: u16 = 49152;
 

@@ -1,7 +1,7 @@
 //! A radio link with known failures, which it counts.
 //!
-//! Packets arrive late, lost (singly or in bursts), duplicated, reordered, or with corrupted bytes,
-//! as a seed determines. Times are arguments; there is no clock here.
+//! Packets are delayed, lost (singly or in bursts), duplicated, reordered or corrupted, as a seed
+//! determines. Times are arguments; there is no clock here.
 
 use std::collections::BTreeMap;
 
@@ -123,8 +123,8 @@ impl Radio {
         }
     }
 
-    /// Bursts begin and end at random, so their lengths are geometric (the model of E. N. Gilbert, Bell Syst.
-    /// Tech. J. 39, 1253, 1960, with no packet getting through in the bad state).
+    /// Bursts begin and end at random, so their lengths are geometric (E. N. Gilbert, Bell Syst.
+    /// Tech. J. 39, 1253, 1960, without packets in the bad state).
     fn is_in_burst(&mut self) -> bool {
         self.in_burst = match self.in_burst {
             true => !self.happens(1.0 / self.faults.burst_packets),

@@ -285,7 +285,7 @@ fn the_warning_compares_models_on_new_poses() {
     let many = poses(13, 1440, 1, 60.0, 0.002, curved);
     fs::write(dir.path().join("few.csv"), log(&few)).unwrap();
     fs::write(dir.path().join("many.csv"), log(&many)).unwrap();
-    // Twelve poses determine twelve features of each fold's eleven by chance: linear is better.
+    // Each fold has eleven poses for twelve features: the linear model predicts new ones better.
     let (text, talk) = ended(&dir, "fit few.csv --model cubic --cv --verbose", 0);
     assert!(talk.contains("linear predicts new groups better than cubic"), "{talk}");
     assert!(text.contains("leave-one-group-out cross-validation (12 groups"), "{text}");

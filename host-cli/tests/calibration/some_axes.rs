@@ -83,8 +83,8 @@ fn a_fit_of_some_axes_equals_a_fit_of_six() {
         for name in ["named.json", "part.json"] {
             let part = document(dir, name);
             assert_eq!((&part["schema_version"], &part["axes"]), (&4.into(), &axes()));
-            // Fewer columns are cut into other blocks, and solvers other than exact sums centre and
-            // scale the features by a sample of them.
+            // A file with fewer columns is cut into other blocks. Solvers other than exact sums
+            // scale features by a sample, which then has other rows.
             if name == "named.json" || is_exact {
                 let what = format!("{name} {flags}");
                 assert_same(&part["coefficients"], &coefficients, is_exact, &what);

@@ -326,7 +326,7 @@ fn packets_of_newer_boards_are_read_as_far_as_known() {
             other => panic!("{other:?}"),
         }
     };
-    // Made as above: refusal 200 with three additional bytes, board 200, answer 200 with three bytes.
+    // Made as above: refusal 200 with three more bytes, board 200, answer 200 with three bytes.
     let refusal = answer_in("01 03 39 07 0c 55 c6 17 2a 03 c8 61 62 63 f6 15 00");
     assert_eq!(refusal, Answer::Refused(Refusal::Other(200)));
     let board = answer_in(

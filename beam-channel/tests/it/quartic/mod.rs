@@ -1,8 +1,8 @@
 //! The contact of a beam's tip as a root of a polynomial, found without the crate under test.
 //!
-//! With `t = tan(θ/2)` the tip is at `x = u + L·2t/(1 + t²)`, `y = g + L·2t²/(1 + t²)`. Inserted into the
-//! ellipse's equation and multiplied by `(1 + t²)²`, that is a quartic in `t`. Its roots are found between
-//! the roots of its derivative, whose roots are found between the roots of the second derivative, and so on.
+//! With `t = tan(θ/2)` the tip is at `x = u + L·2t/(1 + t²)`, `y = g + L·2t²/(1 + t²)`. Inserted
+//! into the ellipse's equation and multiplied by `(1 + t²)²`, that is a quartic in `t`. Its roots
+//! are found between those of its derivative, and so on.
 
 mod double_double;
 

@@ -58,6 +58,8 @@ pub struct Force {
 }
 
 impl RunningForces {
+    /// # Errors
+    /// [`UnsuitableCalibration`] if the calibration has another number of channels.
     pub fn new(live: LiveForces) -> Result<Self, UnsuitableCalibration> {
         let channels = live.calibration.channels();
         if channels != CHANNELS {

@@ -21,6 +21,7 @@ pub struct BoardFrame {
     pub measured: Measured,
     /// Bit i is set if channel i was at an end of the converter's range.
     pub saturated: u8,
+    /// Frames not taken or not sent by the board; wraps.
     pub dropped: u8,
     pub restarted: bool,
     pub timing: Option<Timing>,

@@ -25,7 +25,7 @@ pub fn protocol_name(protocol: Protocol) -> &'static str {
 /// Sufficient bytes for detection: half a second at 100 Hz has 1,500.
 const ENOUGH: usize = 2048;
 
-/// Time after which fewer bytes have to suffice: two dozen frames at 100 Hz, lost by a kill.
+/// Time after which fewer bytes suffice: two dozen frames at 100 Hz, which a kill would lose.
 const PATIENCE: Duration = Duration::from_millis(250);
 
 /// Bytes and time without a frame after which detection gives up.
@@ -62,8 +62,7 @@ impl Recognition {
         Self { asked_for, ..Self::default() }
     }
 
-    /// Takes bytes that arrived at `now`; returns the protocol once detected, with all bytes so
-    /// far.
+    /// Takes bytes that arrived at `now`; returns the protocol once known, and all bytes so far.
     ///
     /// # Errors
     /// [`NoFrame`] once frames are unlikely to come.

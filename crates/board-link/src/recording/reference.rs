@@ -5,8 +5,8 @@
 //! frames, their arrival  ─ ArrivalClock ─▶ time of this computer ─┴─▶ the sample nearest to each frame
 //! ```
 //!
-//! A row gets the sample measured closest in time to its frame, without interpolation, or none if no sample
-//! is close. The columns are described in [`rows`](super::rows).
+//! A row gets the sample closest in time to its frame, or none if no sample is close;
+//! [`rows`](super::rows) describes its columns.
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};

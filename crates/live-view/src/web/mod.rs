@@ -84,6 +84,7 @@ struct ServerShared {
     site: Site,
     state: Mutex<ServerState>,
     changed: Condvar,
+    /// Cloned for each authorised connection, as `listeners` for each listener, to count them.
     connections: Arc<()>,
     listeners: Arc<()>,
 }

@@ -62,7 +62,7 @@ pub(super) fn parse(head: &[u8]) -> Result<Request<'_>, HttpRefusal> {
     let mut host = None;
     for line in lines {
         let (name, value) = line.split_once(':').ok_or(HttpRefusal::MALFORMED)?;
-        // A line that begins with a space continued the previous one; browsers send none.
+        // Such a line would continue the previous one, which browsers no longer send.
         if name.is_empty() || name.bytes().any(|byte| byte <= b' ' || byte >= 127) {
             return Err(HttpRefusal::MALFORMED);
         }
@@ -82,7 +82,7 @@ pub(super) fn parse(head: &[u8]) -> Result<Request<'_>, HttpRefusal> {
     }
     let (path, query) = target.split_once('?').unwrap_or((target, ""));
     let token = query.split('&').find_map(|pair| pair.strip_prefix("token=")).unwrap_or_default();
-    // Every browser speaks a later version.
+    // HTTP 1.0 has no `Host`; every browser speaks a later version.
     let host = if version == "HTTP/1.0" { None } else { Some(host.ok_or(HttpRefusal::MALFORMED)?) };
     Ok(Request { method, path, token, host })
 }

@@ -55,7 +55,10 @@ pub enum ChannelDiagnostic {
     ShortPlateau,
 }
 
-/// Computes the summary; an error if the set-up is invalid, or the body jams.
+/// Computes the summary of a channel.
+///
+/// # Errors
+/// [`SetupError`] if the set-up is invalid, or the body jams.
 pub fn summarise(setup: &Setup) -> Result<ChannelSummary, SetupError> {
     Ok(ChannelSummary::new(&Model::new(setup)?))
 }

@@ -18,7 +18,7 @@ pub(crate) const POSE_S: f64 = 2.0;
 
 /// Half-axes of the shell, m.
 const SHELL_M: [f64; 3] = [0.09, 0.055, 0.045];
-/// Largest moment of the mean force of a contact, N·m: hands yield before the plate reaches its stop.
+/// Largest moment of a contact's mean force: hands yield before the plate reaches its stop.
 const MOMENT_NM: f64 = 0.1;
 const RISE_S: f64 = 0.25;
 const REST_S: f64 = 0.1;

@@ -44,7 +44,9 @@ pub struct Pair {
 }
 
 impl Pair {
-    /// Fails if a rate is not above 0, a time is not finite, or noise or loss are out of range.
+    /// # Errors
+    /// [`SimulationError`] if a rate is not above 0, a time is not finite, the noise is negative,
+    /// or the loss is not a share.
     pub fn new(settings: PairSettings) -> Result<Self, SimulationError> {
         let PairSettings { board_rate_hz, skew, loss, .. } = settings;
         check_timing(settings.reference_rate_hz, settings.offset_s)?;

@@ -175,7 +175,8 @@ impl SensorParameters {
         unit
     }
 
-    /// Returns the nominal instrument's unit with [scaled](Self::scale_noise) noise.
+    /// Returns the nominal instrument's unit with its noise [scaled](Self::scale_noise) by a factor
+    /// that must be finite and not negative.
     pub(crate) fn noisy_unit(unit_seed: u64, factor: f64) -> Result<Self, SimulationError> {
         let is_factor = factor.is_finite() && factor >= 0.0;
         ensure!(is_factor, "noise scaled by {factor}, where a factor of 0 or more is wanted");

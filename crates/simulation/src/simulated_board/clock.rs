@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use embassy_futures::yield_now;
 use firmware::{Clock, SeenEdge};
 
-/// Late waking merges the forty waits of a frame, each tens of µs of processor time, to a few.
+/// Delay of a wake-up: merges the forty waits of a frame, each tens of µs of processor time.
 const LATE: Duration = Duration::from_micros(250);
 
 /// A clock that stops while the firmware computes, and shows exactly the awaited time.

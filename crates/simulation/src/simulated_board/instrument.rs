@@ -36,6 +36,7 @@ impl Load {
         Self::Hands(LoadScript::new(RecordingKind::Test, seed))
     }
 
+    /// N and N·m.
     pub fn wrench_at(&mut self, time_s: f64) -> PerAxis<f64> {
         match self {
             Self::Hands(_) if time_s < REST_S => PerAxis::default(),

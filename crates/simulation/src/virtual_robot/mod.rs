@@ -138,6 +138,8 @@ pub struct VirtualTrial {
 }
 
 impl VirtualTrial {
+    /// # Errors
+    /// [`SimulationError`] if the settings are invalid.
     pub fn new(settings: TrialSettings) -> Result<Self, SimulationError> {
         check(&settings)?;
         let mut unit = SensorParameters::noisy_unit(settings.unit_seed, settings.noise_scale)?;

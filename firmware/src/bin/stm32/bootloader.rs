@@ -17,7 +17,7 @@ static mut WORD: MaybeUninit<u32> = MaybeUninit::uninit();
 
 pub(crate) fn enter() -> ! {
     cortex_m::interrupt::disable();
-    // SAFETY: interrupts are off and this function does not return, so no other code accesses the word.
+    // SAFETY: interrupts are off and this function does not return: no other code accesses it.
     unsafe { addr_of_mut!(WORD).cast::<u32>().write_volatile(WANTED) };
     cortex_m::peripheral::SCB::sys_reset()
 }
@@ -44,7 +44,7 @@ global_asm!(
     "str r0, [r3]",
     "bx lr",
     "1:",
-    // Maps system memory to 0, as BOOT0 does (RM0394, SYSCFG_MEMRMP); SYSCFG's clock is on only meanwhile.
+    // Maps system memory to 0, as BOOT0 does (RM0394, SYSCFG_MEMRMP), with SYSCFG's clock on.
     "ldr r0, =0x40021060", // RCC_APB2ENR, 0 after a reset
     "movs r1, #1",
     "str r1, [r0]",

@@ -31,7 +31,7 @@ static mut WORDS: MaybeUninit<Words> = MaybeUninit::uninit();
 /// Takes words and reset cause of the previous run. Call once, before interrupts are enabled.
 pub(crate) fn take() -> Option<(ResetCause, LastWords)> {
     let words = addr_of_mut!(WORDS).cast::<Words>();
-    // SAFETY: no other code runs yet, the memory exists, and any content is a valid value of the types read.
+    // SAFETY: no other code runs yet, the memory exists, and any content is valid for its types.
     let Words { mark, len, text } = unsafe {
         let read = words.read_volatile();
         addr_of_mut!((*words).mark).write_volatile(0);
@@ -51,7 +51,7 @@ pub(crate) fn leave(cause: ResetCause, said: fmt::Arguments<'_>) -> ! {
     let said = pen.as_bytes();
     text.iter_mut().zip(said).for_each(|(to, from)| *to = *from);
     let mark = MARK | u32::from(cause.code());
-    // SAFETY: interrupts are off and this function does not return, so no other code accesses the words.
+    // SAFETY: interrupts are off and this function does not return: no other code accesses it.
     unsafe { words.write_volatile(Words { mark, len: said.len(), text }) };
     cortex_m::peripheral::SCB::sys_reset()
 }

@@ -62,7 +62,7 @@ impl Equations {
         });
     }
 
-    /// Solves by `A = L·D·Lᵀ` (Golub & Van Loan, 4th ed., §4.1.2), for positive definite `A`.
+    /// Solves by `A = L·D·Lᵀ` (Golub & Van Loan, 4th ed., §4.1.2); `None` unless positive definite.
     #[inline(never)]
     pub(super) fn solve(&self) -> Option<X> {
         let mut a = self.a;

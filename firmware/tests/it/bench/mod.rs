@@ -1,4 +1,4 @@
-//! A board on the bench: virtual time, a front end that plays codes, and a link that can be held up.
+//! A board on the bench: virtual time, a front end that plays codes, and a link that can block.
 
 #![allow(unreachable_pub, reason = "a module of a test has no outside")]
 

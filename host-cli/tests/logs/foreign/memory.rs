@@ -7,7 +7,7 @@ use system_tests::random::Random;
 pub(crate) enum Kind {
     /// Bouc (1967) and Wen, J. Eng. Mech. Div. 102, 249 (1976).
     BoucWen,
-    /// Weighted plays (Krasnosel'skii & Pokrovskii, 1989), in axes that differ from the wrench axes.
+    /// Weighted plays (Krasnosel'skii & Pokrovskii, 1989), in axes other than the wrench's.
     PrandtlIshlinskii,
     /// Springs with sliding feet in parallel (Iwan, J. Appl. Mech. 33, 893, 1966), per channel.
     MaxwellSlip,
