@@ -97,7 +97,6 @@ pub const FACTORS: usize = 2;
 /// Displacement of a sensor per factor, each with variance 1.
 pub type Loadings = [f64; FACTORS];
 
-/// Number of factors that sensors with these loadings share.
 pub(super) fn factor_count<'a>(loadings: impl IntoIterator<Item = &'a Loadings> + Clone) -> usize {
     let is_used = |&factor: &usize| loadings.clone().into_iter().any(|c| c[factor] != 0.0);
     (0..FACTORS).rev().find(is_used).map_or(0, |last| last + 1)

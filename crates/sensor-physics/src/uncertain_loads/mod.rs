@@ -115,7 +115,6 @@ pub fn correct_loads(
 #[derive(Clone, Debug)]
 struct Unknowns {
     parameters: Vec<Parameters>,
-    /// Deviations of each load, in stated errors.
     own: Vec<[f64; OWN]>,
     /// Lever offsets of the mountings, in `mounting_m`.
     offsets: Vec<[f64; SHARED]>,
