@@ -1,7 +1,7 @@
 //! Response of one sensor to a wrench, and its derivatives with respect to the parameters.
 //!
 //! ```text
-//! y = lo + h·σ(q)^ν q = b + aᵀx σ(q) = 1/(1 + e⁻ᵠ)
+//! y = lo + h·σ(q)^ν      q = b + aᵀx      σ(q) = 1/(1 + e⁻ᵠ)
 //! ```
 //!
 //! The displacement `q` of the reflector in front of a sensor is linear in the wrench. The response

@@ -2,7 +2,7 @@
 //! sensors.
 //!
 //! ```text
-//! yᵢⱼ = fᵢ(bᵢ + aᵢᵀxⱼ(δⱼ, o)) + e δⱼ: mass, two angles, lever of load j o: lever offset of its mounting
+//! yᵢⱼ = fᵢ(bᵢ + aᵢᵀxⱼ(δⱼ, o)) + e      δⱼ: mass, two angles, lever of load j      o: lever offset of its mounting
 //! ```
 //!
 //! Eight readings determine more of a pose than the six parameters of a force at a point (only five
