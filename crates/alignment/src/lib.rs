@@ -116,7 +116,6 @@ pub struct Quality {
 /// A channel around its steepest change: readings and predictions from the aligned reference.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Excerpt {
-    /// The channel, from 0, among those that change.
     pub channel: usize,
     pub points: Vec<[f64; 3]>,
 }

@@ -138,7 +138,6 @@ impl Projected {
         Mat::from_fn(n, n, |i, j| entry(i, j) + if i == j { floor } else { 0.0 })
     }
 
-    /// The inverse of the residual covariance.
     pub(super) fn weights(&self) -> Option<Mat<f64>> {
         let covariance = self.residual_covariance(self.total - self.used as f64);
         let factor = covariance.llt(faer::Side::Lower).ok()?;

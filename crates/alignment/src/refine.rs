@@ -3,7 +3,7 @@
 //! Model, for board rows at times t_i with readings y_i:
 //!
 //! ```text
-//! y_i = Bᵀ x(τ_i) + e_i τ_i = t_i + o + s (t_i − t̄) e ~ (0, Σ)
+//! y_i = Bᵀ x(τ_i) + e_i      τ_i = t_i + o + s (t_i − t̄)      e ~ (0, Σ)
 //! ```
 //!
 //! y are the [straightened](super::optics) readings, x the [features](super::response) of the
@@ -13,7 +13,7 @@
 //! projected off the features, and W = Σ̂⁻¹,
 //!
 //! ```text
-//! H = Jᵀ W J g = Jᵀ W y (o, s) ← (o, s) + H⁻¹ g
+//! H = Jᵀ W J      g = Jᵀ W y      (o, s) ← (o, s) + H⁻¹ g
 //! ```
 //!
 //! Each step needs only one Gram matrix over the rows. H⁻¹ would be the covariance of (o, s) if the

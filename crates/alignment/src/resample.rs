@@ -1,7 +1,7 @@
 //! The reference at any time, after a low-pass.
 //!
 //! ```text
-//! w(t) = Σ h(t − t_k) v_k x_k / Σ h(t − t_k) v_k v_k = (t_{k+1} − t_{k−1}) / 2
+//! w(t) = Σ h(t − t_k) v_k x_k / Σ h(t − t_k) v_k      v_k = (t_{k+1} − t_{k−1}) / 2
 //! ```
 //!
 //! This is the convolution with the kernel h by the trapezoidal rule over the actual sample times.
@@ -9,7 +9,7 @@
 //! The kernel is a sinc under a Kaiser window, optionally averaged over an exposure:
 //!
 //! ```text
-//! h(x) = 2 f_c sinc(2 f_c x) · I₀(β √(1 − (x/L)²)) / I₀(β) |x| ≤ L
+//! h(x) = 2 f_c sinc(2 f_c x) · I₀(β √(1 − (x/L)²)) / I₀(β)      |x| ≤ L
 //! ```
 //!
 //! β and L follow from the stopband attenuation and the width of the transition (Kaiser 1974;

@@ -174,7 +174,6 @@ struct DocumentHeader {
     schema_version: u64,
     /// The name of a model, or the features of a polynomial.
     model: Option<serde_json::Value>,
-    /// Present if the document has a checksum.
     checksum: Option<IgnoredAny>,
 }
 

@@ -33,7 +33,6 @@ pub enum MatrixError {
 
 const HEADER: [&str; 7] = ["feature", "Fx_N", "Fy_N", "Fz_N", "Mx_mNm", "My_mNm", "Mz_mNm"];
 
-/// Number of channels of a matrix without names.
 const BARE_CHANNELS: usize = 8;
 
 const MILLI: f64 = 1e3;
@@ -229,7 +228,6 @@ pub(super) fn from_raw_readings(
     Ok(Calibration::new(model, Scaling::identity(model.channels), coefficients))
 }
 
-/// The model that has exactly these terms.
 fn model_of(coefficients: &HashMap<Term, PerAxis<f64>>) -> Option<Model> {
     let intercept = coefficients.contains_key(&Term::INTERCEPT);
     let last = coefficients.keys().flat_map(|term| term.factors()).max()?;

@@ -24,7 +24,6 @@ pub struct Origin {
     /// The quality of the fit; `None` for an imported matrix.
     pub diagnostics: Option<Diagnostics>,
     pub sources: Vec<SourceFile>,
-    /// The roles of their columns, if these were specified.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub columns: Option<ColumnNames>,
 }
@@ -71,7 +70,6 @@ pub struct SourceFile {
     pub role: Role,
     #[serde(serialize_with = "as_unicode")]
     pub path: PathBuf,
-    /// The checksum from `log_file::checksum`.
     pub checksum: Option<String>,
     /// Identity of the parsed rows in any file format, by
     /// [`Fingerprint`](shell_data::fingerprint::Fingerprint).

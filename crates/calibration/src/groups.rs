@@ -86,7 +86,6 @@ const MOST_STRETCHES: u64 = 100;
 /// Minimum length of a block of time, in correlation lengths of the loads.
 const STRETCH_LENGTHS: usize = 8;
 
-/// Number of rows that the check of their order uses.
 const MOST_ROWS: usize = 20_000;
 
 impl FoundKind {
@@ -188,7 +187,6 @@ pub(crate) fn label_poses(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     given(data).or_else(|| label_plateaus(data))
 }
 
-/// Labels the rows by plateaus if all logs may have some.
 fn label_plateaus(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     let may_have = |log: &LogRows| may_have_plateaus(&log.sample, log.is_sampled_at_start);
     data.logs.iter().all(may_have).then(|| label_groups(data, HeldOut::Plateaus))?

@@ -54,7 +54,6 @@ pub struct MemoryTerms {
 #[derive(Clone, Debug)]
 pub struct MemoryState {
     memory: MemoryTerms,
-    /// Time and readings of the previous row.
     before: Option<(f64, Vec<f64>)>,
     /// `e` of each channel, time constant by time constant.
     averages: Vec<f64>,

@@ -224,7 +224,6 @@ impl Panel {
         )
     }
 
-    /// Draws the panel with its data, clipped at the frame.
     pub(super) fn draw(&self, canvas: &mut Figure, data: impl FnOnce(&mut Figure)) {
         self.draw_grid(canvas);
         canvas.clipped(self.area, data);

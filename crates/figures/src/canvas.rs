@@ -47,7 +47,6 @@ impl Size {
         }
     }
 
-    /// CSS pixels per unit of the drawing.
     pub(super) fn scale(self) -> f64 {
         if self == Self::Screen { 1.0 } else { LARGEST_PT / LARGEST * PIXELS / POINTS }
     }
@@ -191,7 +190,6 @@ impl Rect {
     }
 }
 
-/// The point of a text that is at the given position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Anchor {
     Start,

@@ -84,7 +84,6 @@ impl Figure {
     }
 }
 
-/// The content of a built-in asset, compressed by Zstandard.
 pub fn decompressed(asset: &[u8]) -> Vec<u8> {
     let mut content = Vec::new();
     let read = StreamingDecoder::new(asset).ok().map(|mut asset| asset.read_to_end(&mut content));

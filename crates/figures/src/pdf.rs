@@ -261,7 +261,6 @@ mod tests {
         bytes.windows(what.len()).position(|window| window == what)
     }
 
-    /// The objects of a file, located by its own table.
     fn objects(file: &[u8]) -> Vec<Vec<u8>> {
         let tail = String::from_utf8_lossy(&file[file.len() - 60..]).into_owned();
         let start = tail.split("startxref\n").nth(1).unwrap().lines().next().unwrap();

@@ -11,7 +11,6 @@
 use crate::stationary::{QuietLevel, ZeroChange};
 use shell_data::statistics::RunningVariance;
 
-/// The minimum number of stationary intervals for a trend.
 pub const FEWEST_RESTS: usize = 3;
 
 /// The upper limit of the neighbour correlation ρ.

@@ -205,7 +205,6 @@ impl Filter {
         Self { sections: design.sections.iter().map(|&section| (section, state)).collect() }
     }
 
-    /// The output for one more sample, without changing the state.
     pub fn peek(&self, sample: f64) -> f64 {
         self.sections.iter().fold(sample, |sample, (section, state)| {
             let (mut state, mut sample) = (*state, [sample]);
@@ -564,7 +563,6 @@ mod tests {
         }
     }
 
-    /// Gain at `frequency`, computed from the impulse response.
     fn gain(order: usize, cutoff: f64, frequency: f64, length: usize) -> f64 {
         let mut response = vec![0.0; length];
         response[0] = 1.0;

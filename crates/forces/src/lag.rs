@@ -11,12 +11,10 @@ use shell_data::wrench::PerAxis;
 #[derive(Clone, Debug)]
 pub(super) struct LagShift {
     lag: ReferenceLag,
-    /// Number of rows received, for lags in rows.
     rows: u64,
     /// Times of the buffered rows, in the unit of the lag, and the known forces of these rows.
     times: Vec<f64>,
     forces: PerAxis<Vec<f64>>,
-    /// The first buffered row without an output.
     next: usize,
 }
 

@@ -4,13 +4,11 @@ use std::fmt;
 
 use serde::Serialize;
 
-/// Number of frames of the lab's usual tare.
 pub const DEFAULT_TARE_FRAMES: usize = 50;
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ForceOptions {
     pub tare: TareRule,
-    /// The low-pass over the forces; `None` for none.
     pub low_pass: Option<LowPass>,
     /// Leaves forces unfiltered, instead of failing, if the rate of the log is unknown or too low
     /// for the low-pass. Used for a default low-pass that the user did not request.

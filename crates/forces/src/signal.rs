@@ -76,7 +76,6 @@ impl BlockPlan {
         Ok(())
     }
 
-    /// A causal filter whose first input is `value` at `slot`.
     fn started(&self, slot: u64, value: f64) -> Filter {
         Filter::settled(&self.design, if self.at_rest && slot == 0 { 0.0 } else { value })
     }
@@ -255,7 +254,6 @@ mod tests {
         BlockPlan::new(Butterworth::low_pass(4, 20.0, 1000.0).unwrap(), zero_phase, true)
     }
 
-    /// Slots with some missing and some doubled, and a signal.
     fn rows(count: u64) -> (Vec<u64>, Vec<f64>) {
         let slots: Vec<u64> = (0..count)
             .filter(|i| i % 7 != 3)

@@ -18,7 +18,6 @@ const CHUNK: usize = 4096;
 pub(super) struct TareSearch {
     rule: TareRule,
     rows: RowRule,
-    /// True if no later frame can belong to the tare.
     is_over: bool,
     /// Frames found that are not yet in `mean`: counts, one column per channel.
     chunk: Vec<Vec<f64>>,
@@ -55,7 +54,6 @@ pub struct TareResult {
     /// The standard deviation of the wrench about its mean, N and N·m.
     #[serde(serialize_with = "by_column")]
     pub sd: AxisValues<f64>,
-    /// Number of stationary intervals, if the tare follows them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rests: Option<usize>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -67,7 +65,6 @@ pub struct FirstRows<'a> {
     /// Time of each row, s; empty if the log has no time.
     pub times_s: &'a [f64],
     pub readings: &'a [Vec<f64>],
-    /// True for each row that is a new frame.
     pub fresh: &'a [bool],
     /// Position of the right leg at each row, counts, if known.
     pub leg: Option<&'a [f64]>,
@@ -331,7 +328,6 @@ impl TareResult {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RunningTare {
     pub zero: PerAxis<f64>,
-    /// Number and sum of the wrenches of a tare in progress.
     pending: Option<(usize, PerAxis<f64>)>,
 }
 

@@ -199,7 +199,6 @@ pub(crate) fn recipe(terms: &[Term]) -> Vec<Recipe> {
 }
 
 vectorised! {
-    /// Multiplies two columns, each of heads and tails.
     fn fill_product(
         x: (&[f64], &[f64]),
         y: (&[f64], &[f64]),

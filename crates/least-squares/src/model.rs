@@ -66,6 +66,7 @@ pub const MAX_CHANNELS: usize = 255;
 /// Most coefficients per axis: equations of some 40 MB, and a time that grows with the cube.
 pub const MAX_TERMS: usize = 2200;
 
+/// A model with too many coefficients.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "`{}` with `{}` channels has `{}` coefficients, at most `{MAX_TERMS}` can be fitted: {}",

@@ -259,7 +259,6 @@ pub fn on_threads<I: Sync, S: Send, T: Send>(
     Ok(states)
 }
 
-/// Folds results in order that arrive in any order.
 struct OrderedFold<T, F> {
     next: usize,
     /// The results from there on; `None` for those still missing.

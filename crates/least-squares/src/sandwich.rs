@@ -71,7 +71,6 @@ pub(crate) struct ScatterSums {
     products: PerAxis<PerAxis<f64>>,
     /// The identity minus all `K_g`, if the `K_g` must add up to it.
     pub(crate) defect: Option<SymmetricMatrix>,
-    /// The labels of the groups that determine a direction alone.
     alone: Vec<String>,
     common: PerAxis<f64>,
     squares: PerAxis<f64>,

@@ -33,7 +33,6 @@ pub(crate) fn coefficients(solution: &Solution) -> Vec<Vec<f64>> {
     (0..features).map(row).collect()
 }
 
-/// The part that a group has in the variance of a coefficient.
 pub(crate) struct Influence {
     /// `d_g`.
     pub(crate) own: f64,

@@ -156,7 +156,6 @@ pub fn fit_by(
 struct FeatureRows<'a> {
     rows: &'a Rows<'a>,
     features: &'a Features,
-    /// The ranges of all rows, known after the first pass.
     ranges: Option<ReadingRanges>,
 }
 

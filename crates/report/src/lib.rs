@@ -39,7 +39,6 @@ pub struct Report<'a> {
     pub failed: &'a [(String, String)],
     pub conditions: &'a [ConditionRow],
     pub phases: &'a [(String, PhaseProfile)],
-    /// The settings of the evaluation: name and value.
     pub settings: &'a [(String, String)],
     /// The name and the content of the calibration file; `None` for logs without sensors.
     pub calibration: Option<(&'a str, &'a CalibrationFile)>,
@@ -73,7 +72,6 @@ pub struct OutlierTable {
 #[derive(Clone, Debug, PartialEq)]
 pub struct OutlierRow {
     pub file: String,
-    /// The line, or the row of a table.
     pub line: u64,
     pub what: String,
 }
@@ -106,7 +104,6 @@ impl Report<'_> {
         self.conditions.iter().find_map(|row| Some(&*row.difference.as_ref()?.reference))
     }
 
-    /// The report as the content of an HTML file.
     pub fn html(&self) -> String {
         let plots = numbers::Plots::new(self);
         let data = plots.json();

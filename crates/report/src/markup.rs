@@ -134,7 +134,6 @@ pub struct Heading<'a> {
     pub title: &'a str,
     pub made_by: &'a str,
     pub date: &'a str,
-    /// The command line that reproduces the report.
     pub command: &'a str,
 }
 

@@ -7,7 +7,6 @@ use trial::{ConditionRow, Interval};
 /// The unit of a column: one prefix for all of its values.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct ColumnUnit {
-    /// The factor on values in the SI unit.
     pub(super) factor: f64,
     /// The unit with its prefix, empty for pure numbers.
     pub(super) unit: String,
@@ -58,7 +57,6 @@ impl ColumnUnit {
         self.estimate(Some(row.statistics.mean), row.statistics.mean_95)
     }
 
-    /// The difference of a condition from the reference.
     pub(super) fn difference(&self, row: &ConditionRow) -> String {
         let difference = row.difference.as_ref();
         self.estimate(difference.map(|d| d.mean), difference.and_then(|d| d.mean_95))

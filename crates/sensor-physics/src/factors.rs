@@ -2,7 +2,7 @@
 //! once.
 //!
 //! ```text
-//! yᵢⱼ = fᵢ(bᵢ + aᵢᵀxⱼ + cᵢᵀuⱼ) + e uⱼ ~ N(0, I) Vⱼ = diag(σ² + τ²d²) + D·C·Cᵀ·D D = diag f'
+//! yᵢⱼ = fᵢ(bᵢ + aᵢᵀxⱼ + cᵢᵀuⱼ) + e      uⱼ ~ N(0, I)      Vⱼ = diag(σ² + τ²d²) + D·C·Cᵀ·D      D = diag f'
 //! ```
 //!
 //! Play and mounting move the plate as a whole, so the sensors' errors are correlated and look like

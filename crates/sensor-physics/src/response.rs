@@ -1,7 +1,7 @@
 //! Response of one sensor to a wrench, and its derivatives with respect to the parameters.
 //!
 //! ```text
-//! y = lo + h·σ(q)^ν q = b + aᵀx σ(q) = 1/(1 + e⁻ᵠ)
+//! y = lo + h·σ(q)^ν      q = b + aᵀx      σ(q) = 1/(1 + e⁻ᵠ)
 //! ```
 //!
 //! The displacement `q` of the reflector in front of a sensor is linear in the wrench. The response
@@ -97,7 +97,6 @@ pub const FACTORS: usize = 2;
 /// Displacement of a sensor per factor, each with variance 1.
 pub type Loadings = [f64; FACTORS];
 
-/// Number of factors that sensors with these loadings share.
 pub(super) fn factor_count<'a>(loadings: impl IntoIterator<Item = &'a Loadings> + Clone) -> usize {
     let is_used = |&factor: &usize| loadings.clone().into_iter().any(|c| c[factor] != 0.0);
     (0..FACTORS).rev().find(is_used).map_or(0, |last| last + 1)

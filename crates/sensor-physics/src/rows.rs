@@ -234,7 +234,6 @@ impl RoundingGrid {
     }
 }
 
-/// Most observations for the comparison of candidates.
 const MOST_TRIED: usize = 600;
 
 /// Most observations that a model is fitted to. At this number, the uncertainty of some ten

@@ -1,7 +1,7 @@
 //! Fit of one sensor's parameters by weighted least squares with weak priors.
 //!
 //! ```text
-//! minimise Σ weightᵢ·(yᵢ − f(xᵢ; p))² + Σ ((p − m)/s)²
+//! minimise  Σ weightᵢ·(yᵢ − f(xᵢ; p))² + Σ ((p − m)/s)²
 //! ```
 //!
 //! Levenberg-Marquardt steps with the analytic gradient find the minimum (Nocedal & Wright,

@@ -60,7 +60,6 @@ pub struct TrialOptions {
     #[serde(flatten)]
     pub forces: ForceOptions,
     pub trace: TraceExtent,
-    /// The highest reading of the converter, counts.
     pub full_scale: f64,
     /// The unexplained share of the training loads' variance, 1 − R², if known: the relative error
     /// of the calibration on any load, which does not average out over frames.

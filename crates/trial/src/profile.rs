@@ -120,7 +120,6 @@ impl Profile {
         in_si(self.columns.get(key)?.unit.as_deref()?, units)
     }
 
-    /// The angle per count of a leg position column, rad.
     pub(super) fn leg_rad(&self, leg: Telemetry) -> f64 {
         self.unit(leg).unwrap_or(self.telemetry.leg_rad_per_count)
     }
@@ -184,7 +183,6 @@ impl Motor {
     }
 }
 
-/// Units with their factors to the SI unit.
 type Units = &'static [(&'static str, f64)];
 
 const ANGLE: Units = &[("rad", 1.0), ("deg", PI / 180.0), ("rev", TAU)];

@@ -98,7 +98,6 @@ impl TrialRow {
 /// One stride: a turn of the right leg from phase 0 to phase 2π.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct StrideRow {
-    /// The number in the trial, from 1.
     pub stride: u64,
     pub t_start_s: f64,
     pub t_end_s: f64,
@@ -155,7 +154,6 @@ pub enum Quantity {
 impl Per {
     pub const ALL: [Self; 2] = [Self::Trial, Self::Stride];
 
-    /// `trial` or `stride`.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Trial => "trial",

@@ -15,7 +15,6 @@ use shell_data::statistics::{extremes, upper_median};
 use shell_data::telemetry::Telemetry;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// Strides without rotation that are reported as a stall.
 const STALL_STRIDES: f64 = 2.0;
 
 const NO_FORCES: &str = "forces and drag energy are left out";

@@ -43,7 +43,6 @@ pub struct ValueSample {
     /// Errors common to all trials, along common directions: sums over the values.
     shared: Vec<f64>,
     degrees_of_freedom: Option<f64>,
-    /// True if the error of some trial is unknown.
     is_unknown: bool,
 }
 
@@ -56,7 +55,6 @@ pub struct Interval {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Statistics {
     pub n: usize,
-    /// Number of trials that the values come from.
     pub trials: usize,
     pub mean: f64,
     /// Standard deviation with `n − 1`; `None` for a single value.
@@ -301,7 +299,6 @@ fn influence(samples: &[Signed<'_>], means: &[f64]) -> (f64, f64) {
 mod tests {
     use super::*;
 
-    /// Independent values, one per trial.
     fn independent(values: impl IntoIterator<Item = f64>) -> ValueSample {
         let mut sample = ValueSample::default();
         values.into_iter().for_each(|value| sample.add_cluster([value]));

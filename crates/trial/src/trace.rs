@@ -6,7 +6,6 @@ use shell_data::wrench::PerAxis;
 /// Signals over time. Columns that the log does not allow are empty, others as long as `t_s`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Trace {
-    /// Time of each row, s on the log's clock.
     pub t_s: Vec<f64>,
     /// Wrench, tared and filtered, N and N·m.
     pub wrench: PerAxis<Vec<f64>>,

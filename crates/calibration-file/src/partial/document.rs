@@ -30,7 +30,6 @@ use calibration::validation::grouped::{MAX_GROUPS, RandomSplit, SumsByGroup};
 use serde::{Deserialize, Serialize};
 use shell_data::by_axis::Among;
 
-/// The version of the documents that this program writes.
 pub(crate) const PARTIAL_SCHEMA_VERSION: u64 = 4;
 
 #[derive(Serialize)]

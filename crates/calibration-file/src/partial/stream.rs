@@ -12,7 +12,6 @@ use crate::input::DocumentKind;
 pub struct PartialStream<R> {
     reader: R,
     name: PathBuf,
-    /// Number of lines before the next document.
     lines: usize,
     document: Vec<u8>,
     has_failed: bool,
@@ -20,7 +19,6 @@ pub struct PartialStream<R> {
 }
 
 impl<R: BufRead> PartialStream<R> {
-    /// Reads from `reader`, which errors call `name`.
     pub fn new(reader: R, name: impl Into<PathBuf>) -> Self {
         let (name, document) = (name.into(), Vec::new());
         Self { reader, name, lines: 0, document, has_failed: false, parse: PartialFit::parse }

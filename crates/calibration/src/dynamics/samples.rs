@@ -34,7 +34,6 @@ const ROWS_PER_FEATURE: usize = 10;
 /// Largest number of folds, and about the number of parts into which a few logs are divided.
 const FOLDS: usize = 10;
 
-/// Number of logs from which logs are not divided.
 const ENOUGH_LOGS: usize = 4;
 
 const MOST_FEATURES: usize = 150;
@@ -159,7 +158,6 @@ impl<'a> SearchRows<'a> {
         self.features.nrows()
     }
 
-    /// Length of the longest block of time without a gap.
     pub(super) fn longest(&self) -> f64 {
         let spans = self.logs.iter().flat_map(|log| {
             log.segments.iter().map(|rows| log.times[rows.end - 1] - log.times[rows.start])

@@ -20,7 +20,6 @@ use shell_data::wrench::PerAxis;
 
 const MOST_TIMES: usize = 4;
 
-/// Ratio of neighbouring time constants on the grid.
 const GRID: f64 = 2.0;
 
 /// Least ratio of two different time constants; closer ones count as one.
@@ -76,7 +75,6 @@ impl DynamicsSearch<'_> {
         self.equations.samples
     }
 
-    /// Returns `None` if nothing can be found.
     fn run(&self, given: &Dynamics) -> Option<Dynamics> {
         let (rule, equations) = (self.rule, &self.equations);
         let none = equations.no_terms();

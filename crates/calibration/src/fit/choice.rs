@@ -184,7 +184,6 @@ pub(super) fn choose(input: FitInput<'_>) -> Result<ModelChoice, FitError> {
 }
 
 impl FitOptions<'_> {
-    /// Returns true if the options need groups to hold out.
     pub(super) fn validates(&self) -> bool {
         self.basis().is_none() || self.cross_validation.is_some()
     }
@@ -212,7 +211,6 @@ impl FitOptions<'_> {
         }
     }
 
-    /// The choice as far as the options determine it.
     pub(super) fn open(&self, group_by: Option<GroupBy>) -> ModelChoice {
         let by_group = match self.covariance {
             CovarianceRule::Groups => true,

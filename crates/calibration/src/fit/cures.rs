@@ -88,7 +88,6 @@ impl Cure {
     }
 }
 
-/// The largest error in units of the limits.
 fn worst(errors: &PerAxis<f64>, limit: &PerAxis<f64>, axes: Axes) -> f64 {
     let ratio = |axis: Axis| errors[axis.index()] / limit[axis.index()].max(f64::MIN_POSITIVE);
     axes.iter().map(ratio).fold(0.0, f64::max)
@@ -344,7 +343,6 @@ fn determinant(axes: &Signed) -> f64 {
     axes.iter().map(|(_, sign)| sign).product::<f64>() * parity
 }
 
-/// Describes a turn or a mirror of the frame.
 fn frame(axes: &Signed) -> String {
     const NAMES: [&str; 3] = ["x", "y", "z"];
     let kept: Vec<usize> = (0..3).filter(|&at| axes[at] == (at, 1.0)).collect();

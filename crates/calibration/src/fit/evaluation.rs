@@ -94,9 +94,7 @@ struct EvalOptions<'a> {
     /// Units in which errors are counted by their size, if they are counted.
     size_unit: Option<&'a PerAxis<f64>>,
     row_test: Option<&'a RowTest<'a>>,
-    /// True if rows are compared with those of other logs.
     compares: bool,
-    /// True if the measured wrench is summed up.
     sums_loads: bool,
 }
 
@@ -106,10 +104,8 @@ pub(super) struct RowErrors {
     pub(super) sizes: Option<PerAxis<Magnitudes>>,
     /// The rows that were tested as outliers, by block, if requested.
     pub(super) tested: Vec<Vec<TestedRow>>,
-    /// Sums of the measured wrench, if requested.
     pub(super) loads: WrenchSums,
     pub(super) fingerprints: Vec<Fingerprint>,
-    /// A sample of the rows of all logs, if logs are compared.
     pub(super) sample: RowSample,
 }
 

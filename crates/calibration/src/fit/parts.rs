@@ -9,7 +9,6 @@ use shell_data::block::Block;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, PerAxis};
 
-/// Maximum number of rows in which a cure is searched for.
 pub(super) const ROWS: usize = 4000;
 
 /// Up to [`ROWS`] rows, spread evenly over a part of some blocks, as a range of shares of all rows.

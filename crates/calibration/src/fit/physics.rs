@@ -142,7 +142,6 @@ fn fit_sample(
     Ok((fitted, folds(options.held_out())?))
 }
 
-/// Assigns groups of rows to folds of similar size.
 fn assign_folds(rows: &TrainingRows, folds: usize) -> Result<Vec<Vec<u64>>, FitError> {
     let groups_of = |fold: Vec<usize>| fold.into_iter().map(|group| group as u64).collect();
     Ok(assign_groups(&rows.group_sizes(), folds)?.into_iter().map(groups_of).collect())

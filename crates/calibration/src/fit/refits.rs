@@ -28,7 +28,6 @@ use shell_data::dataset::{BLOCK_ROWS, Dataset, LabelledBlock};
 use shell_data::wrench::PerAxis;
 use std::sync::LazyLock;
 
-/// Maximum number of groups that are each held out alone.
 pub(super) const MOST_ALONE: usize = 40;
 pub(super) const FOLDS: usize = 10;
 
@@ -211,9 +210,7 @@ pub(super) struct Solved {
     pub(super) solution: Solution,
     pub(super) ranges: ReadingRanges,
     pub(super) solver: SolverKind,
-    /// Why the exact solver was not used, if it was requested.
     pub(super) not_exact: Option<ExactError>,
-    /// The exact sums that were solved, if the solver is exact.
     pub(super) sums: Option<ExactSums>,
 }
 

@@ -138,7 +138,6 @@ impl Verdict<'_> {
         matches!(&self.unseen, Some(of) if matches!(of.on, UnseenRows::Test(_)))
     }
 
-    /// The first fault of the test or the data.
     pub(super) fn fault(&self, place: FaultPlace) -> Option<&str> {
         let faults = self.fit.examination.iter().flat_map(|of| &of.faults);
         faults.filter(|fault| fault.place == place).map(|fault| fault.text.as_str()).next()

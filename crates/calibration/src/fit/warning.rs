@@ -84,7 +84,6 @@ pub enum Warning {
     },
 }
 
-/// Channel names, from `s1`.
 fn names(channels: &[usize]) -> String {
     let names: Vec<String> = channels.iter().map(|channel| format!("s{}", channel + 1)).collect();
     names.join(", ")

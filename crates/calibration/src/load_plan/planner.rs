@@ -109,7 +109,6 @@ struct SensorAnswer {
     gradient: Parameters,
     /// Derivatives with respect to the wrench, in the model's scales.
     slopes: PerAxis<f64>,
-    /// Variance of the response for known parameters.
     noise: f64,
 }
 
@@ -303,7 +302,6 @@ impl<'a> Planner<'a> {
         }
     }
 
-    /// Value of each remaining load; more is better.
     fn worths(&self) -> Vec<f64> {
         let loads = self.left.iter().map(|&position| &self.candidates[position]);
         match (self.order, &self.knowledge) {

@@ -19,7 +19,6 @@ const SMALL_SHARE: f64 = 0.1;
 /// than this. Moments with a longer lever are in another unit.
 pub const LONGEST_LEVER_M: f64 = 2.0;
 
-/// Correlation from which two axes count as moving together.
 const STRONG_CORRELATION: f64 = 0.9;
 
 /// Sums over wrenches, to be merged with sums over other rows.
@@ -300,7 +299,6 @@ mod tests {
         (0..6).map(|axis| (0..rows).map(|row| of(axis, row)).collect()).collect()
     }
 
-    /// Orthogonal waves, each with a whole number of periods.
     fn wave(axis: usize, row: usize) -> f64 {
         (std::f64::consts::TAU * (axis + 1) as f64 * (row as f64 + 0.25) / 64.0).sin()
     }

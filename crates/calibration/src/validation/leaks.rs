@@ -28,7 +28,6 @@ const SAME: f64 = 1e-9;
 /// Fewest rows of a load that determine its readings.
 const FEWEST_ROWS: usize = 4;
 
-/// Fewest loads that count as poses.
 const FEWEST_LOADS: usize = 3;
 
 /// Share of rows at poses of the training rows from which a test says nothing about new poses.
@@ -115,7 +114,6 @@ impl RowSample {
         }
     }
 
-    /// Some of the rows, spread over all of them.
     fn some(&self) -> impl Iterator<Item = &SampledRow> {
         self.rows.iter().step_by(self.rows.len().div_ceil(DIGIT_ROWS).max(1))
     }
@@ -167,7 +165,6 @@ impl RowSample {
 }
 
 impl LastDigit {
-    /// Finest last digit of some numbers.
     fn new(values: impl Iterator<Item = f64>) -> Self {
         let mut finest = Self { decimal: 1.0, digits: 1 };
         for value in values {
@@ -186,7 +183,6 @@ impl LastDigit {
         finest
     }
 
-    /// Largest rounding error of a number of this size.
     fn rounding(&self, value: f64) -> f64 {
         let leading = if value == 0.0 { f64::MIN } else { value.abs().log10().floor() };
         let significant = 10_f64.powf(leading + 1.0 - f64::from(self.digits));
@@ -219,7 +215,6 @@ impl RecordedPoses {
         (rows > 0).then(|| test.rows.iter().filter(is_at).count() as f64 / rows as f64)
     }
 
-    /// Share of the rows whose pose also has rows of other groups.
     fn share_in_several_groups(&self) -> f64 {
         let (mut shared, step) = (0, self.sample.reading_step());
         for pose in &self.poses {

@@ -62,7 +62,6 @@ pub fn smoothed(time_s: &[f64], values: &[f64], width_s: f64) -> Vec<f64> {
     time_s.iter().map(mean).collect()
 }
 
-/// The median length of a stride, s.
 pub fn stride_s(trace: &Trace) -> Option<f64> {
     let mut lengths: Vec<f64> =
         trace.stride_times_s.windows(2).map(|pair| pair[1] - pair[0]).collect();

@@ -62,7 +62,6 @@ impl Accelerometer {
         fitted.matrix.iter().flatten().all(|value| value.is_finite()).then_some(fitted)
     }
 
-    /// Apparent gravity in the sensor's frame, m/s².
     pub fn gravity(&self, acceleration: Vector) -> Vector {
         add(times(&self.matrix, acceleration), self.offset_m_s2)
     }

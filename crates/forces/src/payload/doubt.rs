@@ -30,7 +30,6 @@ impl LeftOver {
         Self { rms: fit.residual_rms_nm, scatter: scatter(poses, 3) }
     }
 
-    /// Returns true if most of the variation is unexplained.
     pub fn is_doubtful(&self) -> bool {
         self.rms > DOUBTED * self.scatter
     }
@@ -45,7 +44,6 @@ impl LeftOver {
     }
 }
 
-/// RMS of three axes of the wrench about their mean.
 fn scatter(poses: &[PayloadPose], first: usize) -> f64 {
     let part = |pose: &PayloadPose| -> Vector { std::array::from_fn(|i| pose.wrench[first + i]) };
     let middle = mean(poses.iter().map(part));

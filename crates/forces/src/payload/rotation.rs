@@ -29,7 +29,6 @@ pub fn from_roll_pitch_yaw([roll, pitch, yaw]: Vector) -> Matrix {
     product(&product(&about(2, yaw), &about(1, pitch)), &about(0, roll))
 }
 
-/// The transpose, which for a rotation is the inverse.
 pub fn transposed(matrix: &Matrix) -> Matrix {
     std::array::from_fn(|i| std::array::from_fn(|j| matrix[j][i]))
 }

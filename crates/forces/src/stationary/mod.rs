@@ -52,7 +52,6 @@ const PART_S: f64 = 0.085;
 pub struct StationaryInterval {
     pub times_s: Vec<f64>,
     pub readings: Vec<Vec<f64>>,
-    /// Number of frames in each of its [`PARTS`].
     pub parts: Vec<usize>,
 }
 
@@ -81,7 +80,6 @@ struct KnownZero {
     /// Standard deviation when still.
     noise: f64,
     zero: f64,
-    /// Extremes of the means of parts.
     low: f64,
     high: f64,
 }
@@ -90,7 +88,6 @@ struct KnownZero {
 pub struct StationaryFinder {
     /// The zero of each channel, once a stationary interval was found.
     known: Vec<KnownZero>,
-    /// The newest complete parts, at most [`PARTS`].
     parts: VecDeque<StationaryPart>,
     ended: usize,
     /// Times and readings of these frames and later ones, one column per channel.

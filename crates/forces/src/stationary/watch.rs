@@ -30,7 +30,6 @@ pub struct QuietLevel {
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct ZeroChange {
     pub change: f64,
-    /// The change counts as significant above this limit.
     pub limit: f64,
     /// The noise of a frame, RMS in the first stationary interval.
     pub noise: f64,
@@ -101,7 +100,6 @@ impl ZeroMove {
         largest_change(self.axes.iter().copied())
     }
 
-    /// Describes the change in words; `None` if there is none.
     pub fn in_words(&self) -> Option<String> {
         let (axis, ZeroChange { change, noise, .. }) = self.largest()?;
         let decimals = if axis.is_moment() { 5 } else { 3 };

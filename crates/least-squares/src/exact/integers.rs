@@ -92,7 +92,6 @@ impl DigitPlanes {
         join(self.digits(position), DIGIT_BITS)
     }
 
-    /// The integer at a position times `2^exponent`, rounded.
     pub(crate) fn rounded(&self, position: usize, exponent: i32) -> DoubleDouble {
         match narrow(self.digits(position), DIGIT_BITS) {
             Some(value) if value.unsigned_abs() >> EXACT_BITS == 0 => {

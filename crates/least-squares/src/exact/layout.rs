@@ -62,7 +62,6 @@ impl Monomial {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ProductGroup {
     pub(crate) left: Vec<usize>,
-    /// Consecutive features on the right.
     pub(crate) right: Range<usize>,
 }
 
@@ -80,7 +79,6 @@ pub(crate) struct ShiftStep {
 pub(crate) struct SumLayout {
     /// The features without the constant, in the order of the model.
     pub(crate) features: Vec<Term>,
-    /// The rule that computes each feature from earlier ones.
     pub(crate) recipe: Vec<Recipe>,
     pub(crate) groups: Vec<ProductGroup>,
     monomials: Vec<Monomial>,

@@ -227,7 +227,6 @@ impl OpenSums {
     }
 }
 
-/// Takes the next sum. The plan determines how many there are.
 fn next(sums: &mut impl Iterator<Item = i128>) -> i128 {
     sums.next().expect("one sum for every product")
 }

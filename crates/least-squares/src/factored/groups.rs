@@ -21,7 +21,6 @@ use crate::symmetric::UpperTriangle;
 use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
 
-/// The memory limit for the R factors of all groups, in bytes.
 const MEMORY: usize = 512 << 20;
 
 /// The R factor of each group, in the order of their first rows.

@@ -32,7 +32,6 @@ const QUARTILE: f64 = 0.674_489_750_196_081_7;
 /// residuals and steps are short, so more passes of the same total cost are allowed.
 const MOST_PASSES: usize = 500;
 const MANY: u64 = 100_000;
-/// Maximum number of passes over any number of rows.
 const MOST_SHORT_PASSES: usize = 20_000;
 /// Passes end when a step is smaller than this share of the standard errors, and σ changes by less.
 /// The remaining distance is at most some ten times larger.

@@ -32,7 +32,6 @@ impl<'a> RowChunk<'a> {
         &self.heads[j * self.stride..][..self.rows]
     }
 
-    /// Rounding errors of column `j`; empty if all are zero.
     #[inline(always)]
     pub(super) fn tail(&self, j: usize) -> &'a [f64] {
         self.tails.get(j * self.stride..).and_then(|tails| tails.get(..self.rows)).unwrap_or(&[])

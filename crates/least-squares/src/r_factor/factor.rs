@@ -171,7 +171,6 @@ pub(crate) fn equilibrated(matrix: MatRef<'_, f64>) -> (Mat<f64>, Vec<f64>) {
 
 const MOST_VECTORS: usize = 100;
 
-/// Number of vectors between convergence checks.
 const VECTORS_AT_ONCE: usize = 4;
 
 /// The convergence threshold: the relative increase of an eigenvalue from one check to the next.

@@ -17,7 +17,6 @@ const BLOCK_BYTES: usize = 1 << 15;
 /// Bytes in a row block with many columns. Each panel passes over it once.
 const LARGE_BLOCK_BYTES: usize = 1 << 20;
 
-/// Number of columns whose reflectors are applied together.
 const PANEL: usize = 16;
 
 /// The R factor of the rows so far.
@@ -26,7 +25,6 @@ pub struct RFactor {
     pub(super) features: usize,
     /// Number of rows absorbed.
     pub rows: u64,
-    /// Upper triangular matrix of order p + q.
     pub(super) r: Mat<f64>,
 }
 
@@ -67,7 +65,6 @@ struct Workspace {
 }
 
 impl RFactor {
-    /// Number of rows in a block that fits in the cache.
     pub(crate) fn block_rows(&self) -> usize {
         let order = self.r.ncols();
         let rows_of = |bytes| bytes / (8 * order.max(1));

@@ -95,7 +95,6 @@ struct Tile {
 }
 
 impl Tile {
-    /// The rows of a tile that are stored, with their columns.
     #[inline(always)]
     fn rows(&self, size: usize) -> impl Iterator<Item = (usize, Range<usize>)> {
         let columns = self.first_column..(self.first_column + TILE_COLUMNS).min(size);

@@ -7,8 +7,8 @@
 //! Smith, Applied Regression Analysis, 3rd ed., §1.4, §8.1):
 //!
 //! ```text
-//! untared se² = S[a][a]·(1 + ‖Fᵀx‖²)
-//! tared se² = S[a][a]·(1 + 1/n + ‖Fᵀ(x − x₀)‖²)
+//! untared   se² = S[a][a]·(1 + ‖Fᵀx‖²)
+//! tared     se² = S[a][a]·(1 + 1/n + ‖Fᵀ(x − x₀)‖²)
 //! ```
 //!
 //! This holds for errors that are independent between rows. Rows of one pose are not: they share
@@ -16,8 +16,8 @@
 //! from the scatter of the groups (see [`GroupScatter`](crate::sandwich::GroupScatter)), and
 //!
 //! ```text
-//! untared se² = S[a][a] + ‖Tᵀx‖²
-//! tared se² = S[a][a]·(1 + ρ + (1 − ρ)/n) + ‖Tᵀ(x − x₀)‖²
+//! untared   se² = S[a][a] + ‖Tᵀx‖²
+//! tared     se² = S[a][a]·(1 + ρ + (1 − ρ)/n) + ‖Tᵀ(x − x₀)‖²
 //! ```
 //!
 //! with ρ the share of the squared errors that the rows of a group have in common: the error of the

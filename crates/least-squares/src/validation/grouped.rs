@@ -33,7 +33,6 @@ pub struct GroupSums {
     labels: Vec<Arc<str>>,
     /// The sums of every group, and of those folds that have been handed over.
     sums: BTreeMap<SummedRows, Option<ExactSums>>,
-    /// Hashes of the groups that have been assigned to sets.
     assigned: HashSet<u64>,
 }
 

@@ -30,7 +30,6 @@ use shell_data::wrench::{Axis, PerAxis};
 /// rows, with an eigenvalue problem for each group, would take minutes.
 const MOST_FEATURES: usize = 600;
 
-/// Number of rows whose features are computed together.
 const CHUNK: usize = 1024;
 
 /// Squares of pivots below this, with columns of norm one, are rounding errors.

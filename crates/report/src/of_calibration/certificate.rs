@@ -41,7 +41,6 @@ pub struct Contribution {
     pub evaluation: &'static str,
     /// The origin of the number, or the reason for its absence.
     pub basis: String,
-    /// The standard uncertainty of each axis, if known.
     pub standard: Option<PerAxis<f64>>,
     /// Degrees of freedom (GUM, G.3.3), from the number of observations; `None` if taken as exact.
     pub degrees_of_freedom: Option<f64>,

@@ -119,7 +119,6 @@ impl<S: Simd> Frames<S> {
 }
 
 impl Inversion {
-    /// Makes steps until each lane has converged.
     #[inline(always)]
     fn descend<S: Simd, const N: usize>(&self, simd: S, frames: &Frames<S>) -> NewtonResult<S, N> {
         let (zero, one) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 1.0));

@@ -35,7 +35,6 @@ pub(super) struct Eliminated {
 }
 
 impl LoadEquations {
-    /// Adds the prior of one unknown of the border.
     pub(super) fn pull(&mut self, position: usize, precision: f64, off: f64) {
         self.border.row_mut(position)[0] += precision;
         self.descent[position] += precision * off;

@@ -2,7 +2,7 @@
 //! sensors.
 //!
 //! ```text
-//! yᵢⱼ = fᵢ(bᵢ + aᵢᵀxⱼ(δⱼ, o)) + e δⱼ: mass, two angles, lever of load j o: lever offset of its mounting
+//! yᵢⱼ = fᵢ(bᵢ + aᵢᵀxⱼ(δⱼ, o)) + e      δⱼ: mass, two angles, lever of load j      o: lever offset of its mounting
 //! ```
 //!
 //! Eight readings determine more of a pose than the six parameters of a force at a point (only five
@@ -115,7 +115,6 @@ pub fn correct_loads(
 #[derive(Clone, Debug)]
 struct Unknowns {
     parameters: Vec<Parameters>,
-    /// Deviations of each load, in stated errors.
     own: Vec<[f64; OWN]>,
     /// Lever offsets of the mountings, in `mounting_m`.
     offsets: Vec<[f64; SHARED]>,

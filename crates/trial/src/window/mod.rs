@@ -50,7 +50,6 @@ impl Proposal {
         self.confidence >= GOOD_CONFIDENCE
     }
 
-    /// The drag of the fitted plateau at `time_s`, N.
     pub fn drag_at(&self, time_s: f64) -> f64 {
         let ramp = self.ramp_s / (self.t_exit_s - self.t_enter_s);
         let plateau = DragPlateau { enter: self.t_enter_s, exit: self.t_exit_s, ramp };

@@ -22,7 +22,6 @@ impl DragPlateau {
     }
 }
 
-/// Best height and offset, with the residual.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PlateauFit {
     pub(super) plateau: DragPlateau,
