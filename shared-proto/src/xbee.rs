@@ -1,10 +1,10 @@
 //! API frames of an XBee, which a base station in API mode sends and receives.
 //!
-//! A frame is 0x7E, a big-endian length, that many bytes of data and a checksum with which they add
-//! up to 0xFF. With escapes (AP=2), 0x7E, 0x7D, 0x11 and 0x13 after the start are sent as 0x7D and
-//! the byte XOR 0x20, so that 0x7E always starts a frame; without (AP=1) it can occur anywhere.
-//! Source: Digi, "XBee/XBee-PRO S1 802.15.4 (Legacy) User Guide", 90000982, chapter "API
-//! operation"; for 0x10 and 0x90 the "XBee/XBee-PRO S2C Zigbee User Guide", 90002002.
+//! A frame is 0x7E, a big-endian length, that many bytes of data and a checksum that makes the sum of data
+//! and checksum 0xFF. With escapes (AP=2), the bytes 0x7E, 0x7D, 0x11 and 0x13 after the start are sent as
+//! 0x7D and the byte XOR 0x20, so that 0x7E always starts a frame; without escapes (AP=1) it can occur
+//! anywhere. Source: Digi, "XBee/XBee-PRO S1 802.15.4 (Legacy) User Guide", 90000982, chapter "API
+//! operation"; for 0x10, 0x90 and 0x91 the "XBee/XBee-PRO S2C Zigbee User Guide", 90002002.
 
 use crate::field::{Bytes, Reader};
 use crate::frame::is_escaped;
@@ -16,8 +16,14 @@ const START: u8 = 0x7E;
 const ESCAPE: u8 = 0x7D;
 const ESCAPED_BY: u8 = 0x20;
 
-/// An encoded frame; at worst, every byte but the start is escaped.
-pub type Encoded = Bytes<{ 1 + 2 * (2 + 14 + MAX_PAYLOAD + 1) }>;
+/// Maximum number of bytes before the payload.
+const MAX_HEADER: usize = 15;
+
+/// An encoded frame; in the worst case every byte but the start is escaped.
+pub type Encoded = Bytes<{ 1 + 2 * (2 + MAX_HEADER + MAX_PAYLOAD + 1) }>;
+
+/// Endpoints, cluster and profile of data in a frame of kind 0x91; other messages of a network have others.
+const DATA_CLUSTER: [u8; 6] = [0xE8, 0xE8, 0x00, 0x11, 0xC1, 0x05];
 
 /// The module's API mode (parameter AP).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,8 +54,16 @@ pub enum ApiFrame<'a> {
     /// Data to the other side, at most [`MAX_PAYLOAD`] bytes: 0x00, 0x01 or 0x10, by address. The
     /// status repeats the id; 0 requests none.
     Transmit { id: u8, to: Address, payload: &'a [u8] },
-    /// Data from the other side: 0x80, 0x81 or 0x90, by address; `rssi` in −dBm, unknown to Zigbee.
+    /// Data from the other side: 0x80, 0x81, or 0x90 and 0x91, depending on the address. Signal strength in
+    /// −dBm, which Zigbee does not report.
     Receive { from: Address, rssi: Option<u8>, payload: &'a [u8] },
+    /// Fate of a transmission, 0 if it was received: 0x89.
+    Sent { id: u8, status: u8 },
+    /// Reads a parameter of the module at the host, or sets it to a value: 0x08, or 0x09. With an address of
+    /// 64 and 16 bits, that of a module on the other side: 0x17.
+    Command { id: u8, to: Option<(u64, u16)>, name: [u8; 2], value: &'a [u8] },
+    /// Answer to a command, with status 0 unless it was refused: 0x88 or 0x97.
+    Answer { id: u8, from: Option<(u64, u16)>, name: [u8; 2], status: u8, value: &'a [u8] },
 }
 
 impl<'a> ApiFrame<'a> {
@@ -66,11 +80,29 @@ impl<'a> ApiFrame<'a> {
                 }
                 Some(Self::Transmit { id, to, payload: rest.0 })
             }
-            0x80 | 0x81 | 0x90 => {
+            0x80 | 0x81 | 0x90 | 0x91 => {
                 let from = Address::read(kind, &mut rest)?;
-                let rssi = if kind == 0x90 { None } else { Some(rest.get()?) };
+                let rssi = if kind >= 0x90 { None } else { Some(rest.get()?) };
+                if kind == 0x91 && rest.array()? != DATA_CLUSTER {
+                    return None;
+                }
                 let _options: u8 = rest.get()?;
                 Some(Self::Receive { from, rssi, payload: rest.0 })
+            }
+            0x89 => Some(Self::Sent { id: rest.get()?, status: rest.get()? }),
+            0x08 | 0x09 | 0x17 => {
+                let id = rest.get()?;
+                let to = if kind == 0x17 { Some(both(&mut rest)?) } else { None };
+                if kind == 0x17 {
+                    let _options: u8 = rest.get()?;
+                }
+                Some(Self::Command { id, to, name: rest.array()?, value: rest.0 })
+            }
+            0x88 | 0x97 => {
+                let id = rest.get()?;
+                let from = if kind == 0x97 { Some(both(&mut rest)?) } else { None };
+                let (name, status) = (rest.array()?, rest.get()?);
+                Some(Self::Answer { id, from, name, status, value: rest.0 })
             }
             _ => None,
         }
@@ -78,7 +110,7 @@ impl<'a> ApiFrame<'a> {
 
     /// Encodes the frame for the serial line; `None` if the payload is too long.
     pub fn encode(&self, mode: Mode) -> Option<Encoded> {
-        let mut header = Bytes::<14>::new();
+        let mut header = Bytes::<MAX_HEADER>::new();
         let payload = match *self {
             Self::Transmit { id, to, payload } => {
                 header.push(to.kinds().0);
@@ -98,6 +130,28 @@ impl<'a> ApiFrame<'a> {
                 }
                 header.push(0);
                 payload
+            }
+            Self::Sent { id, status } => {
+                header.extend(&[0x89, id, status]);
+                &[]
+            }
+            Self::Command { id, to, name, value } => {
+                header.extend(&[if to.is_some() { 0x17 } else { 0x08 }, id]);
+                if let Some((long, short)) = to {
+                    Address::Zigbee { long, short }.write(&mut header);
+                    header.push(2); // the parameter takes effect at once
+                }
+                header.extend(&name);
+                value
+            }
+            Self::Answer { id, from, name, status, value } => {
+                header.extend(&[if from.is_some() { 0x97 } else { 0x88 }, id]);
+                if let Some((long, short)) = from {
+                    Address::Zigbee { long, short }.write(&mut header);
+                }
+                header.extend(&name);
+                header.push(status);
+                value
             }
         };
         if payload.len() > MAX_PAYLOAD {
@@ -121,11 +175,13 @@ impl<'a> ApiFrame<'a> {
 
 impl Address {
     fn read(kind: u8, rest: &mut Reader<'_>) -> Option<Self> {
-        let mut long = || rest.array().map(u64::from_be_bytes);
         Some(match kind {
-            0x00 | 0x80 => Self::Long(long()?),
+            0x00 | 0x80 => Self::Long(rest.array().map(u64::from_be_bytes)?),
             0x01 | 0x81 => Self::Short(rest.array().map(u16::from_be_bytes)?),
-            _ => Self::Zigbee { long: long()?, short: rest.array().map(u16::from_be_bytes)? },
+            _ => {
+                let (long, short) = both(rest)?;
+                Self::Zigbee { long, short }
+            }
         })
     }
 
@@ -149,7 +205,13 @@ impl Address {
     }
 }
 
-/// Maximum bytes between length and checksum: 14 of header, a payload, and room for other kinds.
+/// Reads an address of 64 bits and one of 16.
+fn both(rest: &mut Reader<'_>) -> Option<(u64, u16)> {
+    Some((rest.array().map(u64::from_be_bytes)?, rest.array().map(u16::from_be_bytes)?))
+}
+
+/// Maximum number of bytes between length and checksum that the decoder follows. The longest frame with a
+/// payload has 18 bytes of header; the rest is room for other kinds.
 const MAX_DATA: usize = 128;
 
 const MAX_RAW: usize = MAX_DATA + 4;
@@ -195,6 +257,21 @@ impl Deframer {
             } else {
                 self.take(byte, &mut sink);
             }
+        }
+    }
+
+    /// Accepts a frame that is whole but for the start that should follow it, on a line that is at rest.
+    pub fn rest(&mut self, mut sink: impl FnMut(ApiFrame<'_>)) {
+        let is_whole = match progress(&self.pending) {
+            Deframed::Whole(data) if self.pending.len() == data.len() + 4 => {
+                give(data, &mut sink);
+                true
+            }
+            _ => false,
+        };
+        if is_whole {
+            self.pending = Bytes::new();
+            self.skipping = false;
         }
     }
 
@@ -322,17 +399,81 @@ mod tests {
             0xFF, 0xFE, 0x00, 0x00, 0x54, 0x78, 0x44, 0x61, 0x74, 0x61, 0x30, 0x41, 0x7D, 0x33,
         ];
         assert_eq!(&*escaped, expected);
+        // "AT Command frame - 0x08", "AT Command Response frame - 0x88", "Remote AT Command Request frame -
+        // 0x17", "Remote Command Response frame - 0x97", and of 90000982 "TX Status - 0x89".
+        let (far, near) = ((0x0013_A200_4040_1122, 0xFFFE), (0x0013_A200_4052_2BAA, 0x7D84));
+        let [nj, bd, bh, sl] = [*b"NJ", *b"BD", *b"BH", *b"SL"];
+        let serial = [0x40, 0x52, 0x2B, 0xAA];
+        for (frame, expected) in [
+            (
+                ApiFrame::Command { id: 0x52, to: None, name: nj, value: &[] },
+                &[0x7E, 0x00, 0x04, 0x08, 0x52, 0x4E, 0x4A, 0x0D][..],
+            ),
+            (
+                ApiFrame::Answer { id: 1, from: None, name: bd, status: 0, value: &[] },
+                &[0x7E, 0x00, 0x05, 0x88, 0x01, 0x42, 0x44, 0x00, 0xF0],
+            ),
+            (
+                ApiFrame::Command { id: 1, to: Some(far), name: bh, value: &[1] },
+                &[
+                    0x7E, 0x00, 0x10, 0x17, 0x01, 0x00, 0x13, 0xA2, 0x00, 0x40, 0x40, 0x11, 0x22,
+                    0xFF, 0xFE, 0x02, 0x42, 0x48, 0x01, 0xF5,
+                ],
+            ),
+            (
+                ApiFrame::Answer {
+                    id: 0x55,
+                    from: Some(near),
+                    name: sl,
+                    status: 0,
+                    value: &serial,
+                },
+                &[
+                    0x7E, 0x00, 0x13, 0x97, 0x55, 0x00, 0x13, 0xA2, 0x00, 0x40, 0x52, 0x2B, 0xAA,
+                    0x7D, 0x84, 0x53, 0x4C, 0x00, 0x40, 0x52, 0x2B, 0xAA, 0xF0,
+                ],
+            ),
+            (ApiFrame::Sent { id: 1, status: 0 }, &[0x7E, 0x00, 0x03, 0x89, 0x01, 0x00, 0x75]),
+        ] {
+            assert_eq!(&*frame.encode(Mode::Plain).unwrap(), expected, "{frame:?}");
+        }
+    }
+
+    // 90002002, "Explicit Receive Indicator frame - 0x91", with the endpoints and the cluster of data.
+    #[test]
+    fn data_of_explicit_frames_are_data_and_other_messages_are_not() {
+        let header = [0x91, 0x00, 0x13, 0xA2, 0x00, 0x40, 0x52, 0x2B, 0xAA, 0x7D, 0x84];
+        let data = [&header[..], &DATA_CLUSTER, &[0x02], b"RxData"].concat();
+        let from = Address::Zigbee { long: 0x0013_A200_4052_2BAA, short: 0x7D84 };
+        let payload = &b"RxData"[..];
+        assert_eq!(ApiFrame::parse(&data), Some(ApiFrame::Receive { from, rssi: None, payload }));
+        let other = [&header[..], &[0, 0, 0x80, 0x31, 0, 0], &[0x02], b"RxData"].concat();
+        assert_eq!(ApiFrame::parse(&other), None);
     }
 
     #[test]
     fn frames_without_data_of_the_other_side_are_passed_over() {
         assert_eq!(ApiFrame::parse(&[0x8A, 6]), None);
         assert_eq!(ApiFrame::parse(&[0x81, 0x20, 0x52, 40]), None);
-        // A transmit status.
-        let status = [START, 0, 3, 0x89, 5, 0, 0x71];
+        // A modem status: the module has started.
+        let started = [START, 0, 2, 0x8A, 0, 0x75];
         let data = receive(b"data");
-        let stream = [&status[..], &data.encode(Mode::Plain).unwrap()].concat();
+        let stream = [&started[..], &data.encode(Mode::Plain).unwrap()].concat();
         assert_eq!(frames(Mode::Plain, &stream, 7), ([text(&data)].into(), 0));
+    }
+
+    #[test]
+    fn a_frame_with_a_start_byte_in_it_is_accepted_once_the_line_is_at_rest() {
+        let question = ApiFrame::Command { id: START, to: None, name: *b"AP", value: &[] };
+        let bytes = question.encode(Mode::Plain).unwrap();
+        let (mut deframer, mut seen) = (Deframer::new(Mode::Plain), Vec::new());
+        for part in [&bytes[..5], &bytes[5..]] {
+            deframer.feed(part, |frame| seen.push(text(&frame)));
+            assert_eq!(seen.len(), 0);
+            deframer.rest(|frame| seen.push(text(&frame)));
+        }
+        deframer.feed(&bytes, |frame| seen.push(text(&frame)));
+        assert_eq!((seen, deframer.damaged), ([text(&question)].into(), 0));
     }
 
     #[test]
@@ -360,9 +501,17 @@ mod tests {
         ) {
             let mode = if escaped { Mode::Escaped } else { Mode::Plain };
             let rssi = (!matches!(address, Address::Zigbee { .. })).then_some(id);
+            let (name, value) = (*b"NI", &payload[..]);
+            let remote = match address {
+                Address::Zigbee { long, short } => Some((long, short)),
+                _ => None,
+            };
             let sent = [
                 ApiFrame::Transmit { id, to: address, payload: &payload },
                 ApiFrame::Receive { from: address, rssi, payload: &payload },
+                ApiFrame::Sent { id, status: 1 },
+                ApiFrame::Command { id, to: remote, name, value },
+                ApiFrame::Answer { id, from: remote, name, status: 0, value },
             ];
             let mut stream: Vec<u8> =
                 sent.iter().flat_map(|frame| frame.encode(mode).unwrap().to_vec()).collect();

@@ -5,6 +5,7 @@ pub mod chromium;
 pub mod flashed;
 pub mod program;
 pub mod random;
+pub mod transcript;
 pub mod workload;
 
 use std::path::PathBuf;

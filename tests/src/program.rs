@@ -15,7 +15,8 @@ pub const PYTHON: &str = "SHELLCAL_PYTHON";
 
 const ATTEMPTS: u32 = 20;
 
-fn shellcal() -> PathBuf {
+/// Returns the program, which is in the tests' target folder.
+pub fn shellcal() -> PathBuf {
     let this = std::env::current_exe().unwrap();
     let program = this.ancestors().nth(2).unwrap().join("shellcal");
     assert!(program.exists(), "build the package `shellcal` first, in the profile of the tests");

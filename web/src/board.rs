@@ -7,7 +7,8 @@ use std::time::Duration;
 
 use board_link::recording::{LiveForces, PROTOCOLS, RunningForces};
 use board_link::{
-    LogSink, RecordError, RecordOptions, Recorder, Sinks, Uplink, board_text, serial_text,
+    EVERY_MODULE, LogSink, RecordError, RecordOptions, Recorder, Sinks, Uplink, board_text,
+    serial_text,
 };
 use calibration_file::CalibrationFile;
 use forces::ForceOptions;
@@ -121,7 +122,7 @@ impl Begin {
     fn run(self, files: &[Arc<[u8]>]) -> Result<(BoardSession, Vec<u8>), Failure> {
         let protocol = self.framing.as_deref().map(protocol_named).transpose()?;
         let framing = protocol.map_or(Some(Framing::Cobs), Protocol::framing);
-        let uplink = framing.map(|framing| Uplink { framing, to: EVERYONE });
+        let uplink = framing.map(|framing| Uplink { framing, to: EVERY_MODULE });
         let calibration = self.calibration.map(|file| file.parsed(files, CalibrationFile::parse));
         let forces = calibration.transpose()?.map(|CalibrationFile { calibration, .. }| {
             LiveForces { calibration, options: ForceOptions::default().with_delay(true) }
@@ -162,8 +163,6 @@ fn protocol_named(name: &str) -> Result<Protocol, Failure> {
         .map(|(.., protocol)| *protocol)
         .ok_or_else(|| format!("there is no framing `{name}`").into())
 }
-
-const EVERYONE: u16 = 0xFFFF;
 
 fn in_words(identity: Identity) -> Value {
     let [major, minor, patch] = identity.firmware;

@@ -7,7 +7,8 @@ use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 use board_link::{
-    AppendWriter, FlowControl, PortOptions, RecordOptions, Sinks, Source, Uplink, record,
+    AppendWriter, EVERY_MODULE, FlowControl, PortOptions, RecordOptions, Sinks, Source, Uplink,
+    record,
 };
 use serde_json::{Value, json};
 use shared_proto::{Command, Framing, Packet, Sample, Values};
@@ -198,7 +199,7 @@ fn impossible_requests_are_refused_and_received_frames_kept() {
     let error = page.turn(&noise, None, false).unwrap_err();
     assert!(error.contains("no valid frame") && error.contains("--baud"), "{error}");
     assert_eq!((page.log.len(), page.ended.len()), (0, 0), "there is nothing to keep");
-    let uplink = Uplink { framing: Framing::Cobs, to: 0xFFFF };
+    let uplink = Uplink { framing: Framing::Cobs, to: EVERY_MODULE };
     assert!(page.sent.ends_with(&uplink.encode(1, None, Command::Stop)), "the board streams on");
 
     let mut page = begin(json!({}), &[]).unwrap();

@@ -24,9 +24,12 @@ const OTHERS: Duration = Duration::from_millis(100);
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Uplink {
     pub framing: Framing,
-    /// Address of the board's module behind a base station in API mode; 0xFFFF for all modules.
-    pub to: u16,
+    /// Address of the board's module if the base station is in API mode.
+    pub to: Address,
 }
+
+/// The address of all modules.
+pub const EVERY_MODULE: Address = Address::Short(0xFFFF);
 
 impl Uplink {
     /// Encodes a command for a board; `None` is every board.
@@ -35,8 +38,7 @@ impl Uplink {
         match self.framing {
             Framing::Cobs => frame.to_vec(),
             Framing::Xbee(mode) => {
-                let to = Address::Short(self.to);
-                let api = ApiFrame::Transmit { id: 0, to, payload: &frame };
+                let api = ApiFrame::Transmit { id: 0, to: self.to, payload: &frame };
                 api.encode(mode).expect("a frame of ours fits in a radio packet").to_vec()
             }
         }

@@ -23,7 +23,7 @@ mod upload;
 pub use append_writer::{AppendWriter, LogSink, open_growing};
 pub use board_log::RecordedBoard;
 pub use capture::CaptureReader;
-pub use client::{Client, Uplink, judge};
+pub use client::{Client, EVERY_MODULE, Uplink, judge};
 pub use handshake::{Handshake, HandshakeOptions, Heard, Stretch, handshake};
 pub use port::{Connection, FlowControl, PortInfo, PortOptions, PortState, TCP, ports};
 pub use record::{Source, record};

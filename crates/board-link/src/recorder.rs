@@ -159,8 +159,9 @@ impl Recorder {
         let kept = self.sinks.raw.as_mut().map_or(Ok(()), |raw| raw.append(&piece(is_first)));
         self.bytes += bytes.len() as u64;
         self.now = now;
-        if let Some((_, boards)) = &mut self.receiving {
+        if let Some((protocol, boards)) = &mut self.receiving {
             boards.feed(bytes, arrival);
+            *protocol = boards.protocol();
             self.show();
         } else {
             let recognised = self.recognition.feed(bytes, now);
@@ -179,7 +180,7 @@ impl Recorder {
             }
             let mut boards = Boards::new(protocol);
             boards.feed(&bytes, None);
-            self.receiving = Some((protocol, boards));
+            self.receiving = Some((boards.protocol(), boards));
             self.show();
         }
         Ok(())

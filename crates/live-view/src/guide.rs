@@ -171,7 +171,8 @@ impl Guide {
     /// Returns the newest readings and wrench, if the sensor is unloaded and still.
     pub fn at_rest(&self) -> Option<Rest> {
         let (rest, noise) = self.rest?;
-        if !matches!(self.phase, GuidePhase::Hang | GuidePhase::Release) {
+        // After a load was recorded it is still on, and a light one hardly moves the readings.
+        if self.phase != GuidePhase::Hang {
             return None;
         }
         let (means, scatter, step) = self.statistics();
@@ -446,6 +447,25 @@ mod tests {
         assert_eq!(guide.view().phase, GuidePhase::Done);
         assert_eq!((bench.found.len(), guide.view().remaining_gain), (3, Some(0.0)));
         assert_eq!(guide.view().group, "");
+    }
+
+    #[test]
+    fn a_light_load_that_is_still_on_is_no_rest() {
+        let load = |fx: f64| GuidedLoad {
+            group: fx.to_string(),
+            text: String::new(),
+            wrench: [fx, 0.0, 0.0, 0.0, 0.0, 0.0],
+            gain: 1.0,
+        };
+        let mut guide = Guide::new([-2.0, 0.15, 1.0].map(load).to_vec());
+        let mut bench = bench();
+        for fx in [-2.0, 0.15] {
+            bench.apply(&mut guide, 0.0, 3.0, true);
+            assert!(guide.at_rest().is_some());
+            bench.apply(&mut guide, fx, 5.0, true);
+            assert_eq!((guide.phase(), guide.at_rest()), (GuidePhase::Release, None));
+        }
+        assert_eq!(bench.found.len(), 2);
     }
 
     #[test]

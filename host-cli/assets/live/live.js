@@ -136,6 +136,22 @@ const liveView = (root, obey) => {
     line(context, colours.force, 3, barb(0.5), tip, barb(-0.5));
   };
 
+  // The error on new poses after each load, its 95 % and its limit, on a logarithmic scale.
+  const drawErrors = (figure, points, limit, unit) => {
+    figure.hidden = points.length < 2;
+    if (figure.hidden) return;
+    const { context, width, height } = begin(figure.querySelector("canvas")), [first, last] = [points[0], points.at(-1)];
+    const values = points.flatMap(({ error, upper }) => [error, upper]).concat(limit ?? []);
+    const [low, high] = [Math.min(...values), Math.max(...values)];
+    const x = (loads) => 2 + (width - 4) * (loads - first.loads) / (last.loads - first.loads);
+    const y = (value) => 2 + (height - 4) * Math.log(high / value) / Math.log(high / low || Math.E);
+    if (limit !== null) line(context, colours.warn, 1, [0, y(limit)], [width, y(limit)]);
+    line(context, colours.quiet, 1, ...points.map(({ loads, upper }) => [x(loads), y(upper)]));
+    line(context, colours.force, 2, ...points.map(({ loads, error }) => [x(loads), y(error)]));
+    const after = ({ loads, error }) => `${short(error)} ${unit} after ${loads} loads`;
+    put(figure.querySelector("figcaption"), `error on new poses and 95 %: ${after(first)}, ${after(last)}`);
+  };
+
   // The next planned load, the instruction, and the progress.
   const WHAT = { rest: "leave the sensor unloaded", hang: "hang it", hold: "hold still", release: "recorded: hang the next", done: "" };
   const drawGuide = (guide, traces) => {
@@ -155,6 +171,10 @@ const liveView = (root, obey) => {
     const error = newest ? `; error on new poses ${part(0, "N")}, ${part(1, "N·m")}` : "";
     put(byId("done"), `${place}${guide.recorded} recorded${gain}${error}`);
     put(byId("finding"), guide.finding);
+    [...byId("errors").children].forEach((figure, at) => {
+      const points = guide.errors.map(({ loads, error, upper }) => ({ loads, error: error[at], upper: upper[at] }));
+      drawErrors(figure, points.filter(({ error }) => error > 0), guide.limits[at], ["N", "N·m"][at]);
+    });
   };
 
   let shown = null, isDue = false;

@@ -4,6 +4,7 @@ use std::fmt::Write;
 use std::fs;
 use std::path::Path;
 
+use board_link::recording::ArrivalClock;
 use calibration_file::CalibrationFile;
 use serde_json::Value;
 use shell_data::wrench::PerAxis;
@@ -22,6 +23,17 @@ const CREEP: (f64, f64) = (0.15, 0.4);
 /// late, without every seventh row, as if a radio had lost it. Each reading wanders by `wander`
 /// counts (root mean square), which it forgets within some fifty rows.
 pub(crate) fn log(dir: &Path, name: &str, seed: u64, wander: f64) {
+    log_measured_at(dir, name, seed, wander, |t| t - LAG_S);
+}
+
+/// The same with the time at which the reference measured the load of the row at `t`.
+fn log_measured_at(
+    dir: &Path,
+    name: &str,
+    seed: u64,
+    wander: f64,
+    measured_s: impl Fn(f64) -> f64,
+) {
     let mut random = Random(seed);
     let mut sines = |_| (random.unit() - 0.5, 1.0 + 15.0 * random.unit(), 6.0 * random.unit());
     let sines: Vec<(f64, f64, f64)> = (0..6 * 8).map(&mut sines).collect();
@@ -59,10 +71,70 @@ pub(crate) fn log(dir: &Path, name: &str, seed: u64, wander: f64) {
         for (s, off) in readings.iter().zip(off) {
             write!(text, ",{}", (2000.0 + s + off).round()).unwrap();
         }
-        (0..6).for_each(|axis| write!(text, ",{:.5}", load(axis, t - LAG_S)).unwrap());
+        (0..6).for_each(|axis| write!(text, ",{:.5}", load(axis, measured_s(t))).unwrap());
         text.push('\n');
     }
     fs::write(dir.join(name), text).unwrap();
+}
+
+/// Measurement times of a reference at 1 kHz whose clock is fast by 80 ppm, beside rows that `record --reference`
+/// places by their arrivals: late by `delay_s`, and by an exponential delay with a mean of 0.5 ms.
+struct Beside {
+    /// Time of each sample by its arrival, and its true time, s.
+    samples: Vec<(f64, f64)>,
+}
+
+impl Beside {
+    fn new(delay_s: f64, seed: u64) -> Self {
+        let (mut clock, mut random) = (ArrivalClock::default(), Random(seed));
+        let measured = |tick: u32| f64::from(tick) * 1e-3 / (1.0 + 80e-6) - 1.0;
+        for tick in 0..22_000 {
+            let delay = delay_s - 5e-4 * (1.0 - random.unit()).ln();
+            clock.push(f64::from(tick), measured(tick) + delay, 1.0);
+        }
+        // The arrivals do not show the constant part of the delay.
+        assert!(clock.error_s() < 1e-3, "{}", clock.error_s());
+        let timed = |tick| (clock.time_s(f64::from(tick)).unwrap(), measured(tick));
+        Self { samples: (0..22_000).map(timed).collect() }
+    }
+
+    fn measured_s(&self, row_s: f64) -> f64 {
+        let after = self.samples.partition_point(|(time_s, _)| *time_s < row_s).max(1);
+        let [before, next] = [self.samples[after - 1], self.samples[after]];
+        if row_s - before.0 < next.0 - row_s { before.1 } else { next.1 }
+    }
+}
+
+/// What arrivals leave of the clocks is the constant part of the reference's delay. `fit` finds some rows of it in moving
+/// loads, and `align` any, as the offset of the log from itself.
+#[test]
+fn the_constant_delay_of_a_reference_beside_the_board_is_found_in_the_loads() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let record = |delay_s| {
+        for (seed, name) in (1..).zip(["a.csv", "b.csv", "c.csv", "d.csv"]) {
+            let beside = Beside::new(delay_s, seed);
+            log_measured_at(dir, name, seed, 0.0, |t| beside.measured_s(t));
+        }
+    };
+    for delay_s in [0.004, 0.02] {
+        record(delay_s);
+        let fit =
+            "fit a.csv b.csv c.csv d.csv --model linear --lag auto --memory-terms auto --json";
+        let found = program::json(dir, fit);
+        let lag_s = found["dynamics"]["lag"].as_f64().unwrap();
+        println!("{:.1} ms: found {:.3} ms", 1e3 * delay_s, 1e3 * lag_s);
+        // Half a period of the reference at each row, over 13,700 rows, is 3 µs; the fastest of the samples of 22 s are
+        // late by less than 0.1 ms.
+        assert!((lag_s - delay_s).abs() < 2e-4, "{delay_s} s: {}", found["dynamics"]);
+    }
+    record(0.25);
+    let found = program::json(dir, "align a.csv a.csv -o aligned.csv --json");
+    let [offset_s, error_s] =
+        ["offset_s", "offset_se_s"].map(|name| found["clock"][name].as_f64().unwrap());
+    println!("250 ms: found {:.1} ± {:.1} ms", 1e3 * offset_s, 1e3 * error_s);
+    // `align` knows creep as lags of the axes; that of single sensors moves the offset by some ms.
+    assert!((offset_s - 0.25).abs() < 0.01 && error_s < 5e-3, "{found}");
 }
 
 fn rms(report: &Value, set: &str) -> Vec<f64> {

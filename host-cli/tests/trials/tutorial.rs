@@ -6,67 +6,11 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 use system_tests::program::{Recording, Running};
+use system_tests::transcript::{Step, are_like, steps};
 
 use super::book::root;
 
-struct Step {
-    command: String,
-    expected: Vec<String>,
-}
-
-/// The commands of a page's console blocks: `$ ` begins one, `> ` continues it.
-fn steps(page: &str) -> Vec<Step> {
-    let mut steps: Vec<Step> = Vec::new();
-    let mut in_console = false;
-    for line in page.lines() {
-        match line {
-            "```console" => in_console = true,
-            "```" => in_console = false,
-            _ if !in_console => {}
-            line => {
-                if let Some(command) = line.strip_prefix("$ ") {
-                    steps.push(Step { command: command.to_owned(), expected: Vec::new() });
-                } else if let Some(more) = line.strip_prefix("> ") {
-                    let command = &mut steps.last_mut().unwrap().command;
-                    *command += &format!("\n{more}");
-                } else {
-                    steps.last_mut().unwrap().expected.push(line.to_owned());
-                }
-            }
-        }
-    }
-    steps
-}
-
-/// `[..]` matches anything.
-fn is_like(line: &str, expected: &str) -> bool {
-    let mut parts = expected.split("[..]");
-    let first = parts.next().unwrap();
-    let Some(mut rest) = line.strip_prefix(first) else { return false };
-    let parts: Vec<&str> = parts.collect();
-    for (at, part) in parts.iter().enumerate() {
-        if at + 1 == parts.len() {
-            return rest.ends_with(part);
-        }
-        let Some(found) = rest.find(part) else { return false };
-        rest = &rest[found + part.len()..];
-    }
-    rest.is_empty()
-}
-
-/// `...` matches any number of lines.
-fn are_like(lines: &[&str], expected: &[String]) -> bool {
-    match expected.split_first() {
-        None => lines.is_empty(),
-        Some((any, expected)) if any == "..." => {
-            (0..=lines.len()).any(|skipped| are_like(&lines[skipped..], expected))
-        }
-        Some((first, expected)) => lines
-            .split_first()
-            .is_some_and(|(line, lines)| is_like(line, first) && are_like(lines, expected)),
-    }
-}
-
+/// A shell in a folder, with the program on its path.
 fn shell(folder: &Path, command: &str) -> Command {
     let program = Path::new(env!("CARGO_BIN_EXE_shellcal")).parent().unwrap();
     let path = format!("{}:{}", program.display(), std::env::var("PATH").unwrap());
@@ -81,7 +25,7 @@ fn the_tutorial_leads_from_nothing_to_the_report() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     let mut background = Vec::new();
-    let steps = steps(&page);
+    let steps = steps(&page, "console");
     assert!(steps.len() > 15, "{}", steps.len());
     for Step { command, expected } in steps {
         if let Some(command) = command.strip_suffix(" &") {
@@ -151,18 +95,4 @@ fn named(column: &str) -> Vec<String> {
         }
     }
     names
-}
-
-#[test]
-fn lines_match_with_wildcards() {
-    assert!(
-        is_like("a 12 b 3 c", "a [..] b [..] c") && is_like("x", "x") && is_like("ab", "a[..]")
-    );
-    assert!(!is_like("a 12 d", "a [..] b") && !is_like("xy", "x") && !is_like("b", "a[..]"));
-    let lines = ["one", "two", "three"];
-    let like = |expected: &[&str]| {
-        are_like(&lines, &expected.iter().map(|&line| line.to_owned()).collect::<Vec<_>>())
-    };
-    assert!(like(&["one", "..."]) && like(&["...", "three"]) && like(&["...", "two", "..."]));
-    assert!(!like(&["..."; 0]) && !like(&["one", "three"]) && !like(&["...", "four"]));
 }

@@ -174,6 +174,25 @@ fn the_page_follows_the_board() {
     assert_eq!(log.text("flags").iter().filter(|flags| flags.contains("mark1")).count(), 1);
 }
 
+/// Shows a sitting whose error of forces halves with each load, from 8 N to 1 N, the limit; its 95 % is twice the error.
+const FOUR_LOADS: &str = "(() => { const picture = { traces: [], channels: [], marks: [], force: null, \
+    window_s: 10, time_s: 0, is_paused: false, is_taring: false }; \
+    const errors = [10, 11, 12, 13].map((loads, at) => ({ loads, error: [8 / 2 ** at, 0], upper: [16 / 2 ** at, 0] })); \
+    const guide = { group: 'a', text: 'a', wrench: [0, 0, 0, 0, 0, 0], number: 14, count: 20, recorded: 13, \
+    phase: 'hang', held: 0, remaining_gain: null, errors, limits: [1, null], finding: '' }; \
+    liveView(document, async () => true).show({ picture, state: '', recording: null, can_record: false, \
+    message: '', guide }); return 0; })()";
+
+/// Returns the distance of the curve of errors from its place at each load, as a share of the height, from the pixels in
+/// the colour of forces: blue by far. From 16 to 1 on a logarithmic scale, 8 is a quarter from the top and 1 at the bottom.
+const CURVE_OFF: &str = "(() => { const canvas = document.querySelector('#errors canvas'), { width, height } = canvas; \
+    return [0, 1, 2, 3].map((at) => { const x = Math.min(width - 7, Math.max(4, Math.round(width * at / 3) - 1)); \
+    const points = canvas.getContext('2d').getImageData(x, 0, 3, height).data, rows = []; \
+    for (let y = 0; y < height; y++) { const [r, g, b, a] = points.slice(4 * (3 * y + 1), 4 * (3 * y + 1) + 4); \
+      if (a > 100 && b - r > 60) rows.push(y); } \
+    const middle = rows.reduce((sum, y) => sum + y, 0) / rows.length; \
+    return rows.length ? Math.abs(middle / height - (1 + at) / 4) : 1; }); })()";
+
 #[test]
 #[ignore = "needs Chromium"]
 fn a_sitting_is_led_load_by_load() {
@@ -220,9 +239,21 @@ fn a_sitting_is_led_load_by_load() {
     }
     // Three loads are enough for a look at the page, not for a calibration.
     browser.wait_for(&format!("{}.startsWith('check: ')", text("load")));
-    assert_eq!(browser.complaints(), Vec::<String>::new());
     interrupt(&server.child.0);
     assert_eq!(server.child.0.wait().unwrap().code(), Some(1));
+    browser.wait_for(&format!("{} === 'the program has ended'", text("state")));
+    browser.evaluate(FOUR_LOADS);
+    let moments = "document.querySelectorAll('#errors figure')[1]";
+    browser.wait_for("!document.querySelector('#errors figure').hidden");
+    assert_eq!(browser.evaluate(&format!("{moments}.hidden")), true, "there are none");
+    let caption = browser.evaluate("document.querySelector('#errors figcaption').textContent");
+    assert_eq!(caption, "error on new poses and 95 %: 8 N after 10 loads, 1 N after 13 loads");
+    let off = browser.evaluate(CURVE_OFF);
+    let off: Vec<f64> = off.as_array().unwrap().iter().map(|off| off.as_f64().unwrap()).collect();
+    // The line is 2 points wide on a canvas of 80.
+    assert!(off.len() == 4 && off.iter().all(|&off| off < 0.04), "{off:?}");
+    keep(&browser.screenshot(), "calibrate-errors-1024.png.base64");
+    assert_eq!(browser.complaints(), Vec::<String>::new());
     let log = Recording::read(&dir.join("sitting/session.csv"));
     let index = log.numbers("index");
     assert!(index.windows(2).all(|pair| pair[1] == pair[0] + 1.0), "a frame is lost");

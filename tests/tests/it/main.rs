@@ -9,6 +9,8 @@
     reason = "a test may panic and say why; modules of a test have no outside"
 )]
 
+#[cfg(unix)]
+mod base_station;
 mod beam_reference;
 #[cfg(unix)]
 mod bridge;
@@ -25,6 +27,8 @@ mod published_results;
 mod report;
 #[cfg(unix)]
 mod simulated_board;
+#[cfg(unix)]
+mod sitting;
 #[cfg(unix)]
 mod stream;
 #[cfg(unix)]

@@ -7,7 +7,6 @@ use std::time::{Duration, Instant};
 
 use serialport::{SerialPort, TTYPort};
 use shared_proto::xbee::{Address, ApiFrame, Deframer, Mode};
-use simulation::radio::Faults;
 use simulation::sensor_model::LoadTable;
 use simulation::simulated_board::{BoardSettings, Load, SimulatedBoard};
 use system_tests::program::{Recording, finish, interrupt, run, start, wait_for_rows};
@@ -22,14 +21,8 @@ const READINGS: [&str; 8] = ["s1", "s2", "s3", "s4", "s5", "s6", "s7", "s8"];
 /// Under a constant force without noise, all its frames are equal.
 fn board(unit_seed: u64, fz_n: f64) -> TTYPort {
     let load = LoadTable::new([(0.0, [0.0, 0.0, fz_n, 0.0, 0.0, 0.0])]).unwrap();
-    let settings = BoardSettings {
-        load: Load::Table(load),
-        seed: 1,
-        unit_seed,
-        noise_scale: 0.0,
-        faults: Faults::default(),
-        sync_s: Vec::new(),
-    };
+    let settings =
+        BoardSettings { unit_seed, noise_scale: 0.0, ..BoardSettings::new(Load::Table(load), 1) };
     let board = SimulatedBoard::start(settings).unwrap();
     let port = serialport::new(board.port(), 57_600).timeout(Duration::from_millis(5));
     TTYPort::open(&port).unwrap()

@@ -3,10 +3,11 @@
 //! A base station in API mode names each packet's module, so modules are decoded separately. Behind
 //! a transparent one, packets name their board from version 3 of the protocol on.
 
+use std::collections::VecDeque;
 use std::time::Duration;
 
 use super::reception::{BoardFrame, Losses, Reception};
-use shared_proto::xbee::{Address, ApiFrame, Deframer};
+use shared_proto::xbee::{Address, ApiFrame, Deframer, Mode};
 use shared_proto::{Decoder, Event, Framing, Protocol, Status, skinproc};
 
 /// Maximum number of modules, and of boards: more than a radio channel has capacity for.
@@ -14,19 +15,36 @@ const MOST: usize = 256;
 
 #[derive(Clone, Debug)]
 pub(crate) struct PacketWire {
+    framing: Framing,
     /// For a base station in API mode.
     deframer: Option<Deframer>,
-    /// A decoder per module, or a single one for a wire or transparent radio.
+    /// Frames with escapes, while all bytes so far would mean the same in both modes, as most do.
+    escaped: Option<EscapedFrames>,
+    /// A decoder per module behind it; otherwise the single decoder of a wire or transparent radio.
     modules: Vec<(Option<Address>, Decoder)>,
 }
 
+/// The reading of a stream as one with escapes.
+#[derive(Clone, Debug)]
+struct EscapedFrames {
+    deframer: Deframer,
+    /// Data that a stream without escapes does not have so far.
+    ahead: VecDeque<(Address, Option<u8>, Vec<u8>)>,
+}
+
 impl PacketWire {
+    /// A wire with this framing. One without escapes turns out to be one with them at the first escape.
     pub(crate) fn new(framing: Framing) -> Self {
         let deframer = match framing {
             Framing::Cobs => None,
             Framing::Xbee(mode) => Some(Deframer::new(mode)),
         };
-        Self { deframer, modules: Vec::new() }
+        let is_plain = framing == Framing::Xbee(Mode::Plain);
+        let escaped = is_plain.then(|| EscapedFrames {
+            deframer: Deframer::new(Mode::Escaped),
+            ahead: VecDeque::new(),
+        });
+        Self { framing, deframer, escaped, modules: Vec::new() }
     }
 
     /// Decodes bytes, in slices of any size. `sink` gets every event, with the address and signal
@@ -36,7 +54,7 @@ impl PacketWire {
         bytes: &[u8],
         mut sink: impl FnMut(Option<Address>, Option<u8>, Event),
     ) {
-        let modules = &mut self.modules;
+        let Self { framing, deframer, escaped, modules } = self;
         let mut feed = |address, rssi, payload: &[u8]| {
             let known = modules.iter().position(|(known, _)| *known == address);
             let at = known.unwrap_or_else(|| {
@@ -46,13 +64,32 @@ impl PacketWire {
             });
             modules[at].1.feed(payload, |event| sink(address, rssi, event));
         };
-        match &mut self.deframer {
-            None => feed(None, None, bytes),
-            Some(deframer) => deframer.feed(bytes, |frame| {
+        let Some(deframer) = deframer else { return feed(None, None, bytes) };
+        let mut both = escaped.take();
+        if let Some(EscapedFrames { deframer, ahead }) = &mut both {
+            deframer.feed(bytes, |frame| {
                 if let ApiFrame::Receive { from, rssi, payload } = frame {
-                    feed(Some(from), rssi, payload);
+                    ahead.push_back((from, rssi, payload.to_vec()));
                 }
-            }),
+            });
+        }
+        let mut is_plain = false;
+        deframer.feed(bytes, |frame| {
+            if let ApiFrame::Receive { from, rssi, payload } = frame {
+                let same = both.as_mut().and_then(|both| both.ahead.pop_front());
+                is_plain |= same.is_none_or(|same| same.2 != payload);
+                feed(Some(from), rssi, payload);
+            }
+        });
+        match both.filter(|_| !is_plain) {
+            Some(EscapedFrames { deframer: other, ahead })
+                if deframer.damaged > 0 && !ahead.is_empty() =>
+            {
+                *framing = Framing::Xbee(Mode::Escaped);
+                *deframer = other;
+                ahead.into_iter().for_each(|(from, rssi, data)| feed(Some(from), rssi, &data));
+            }
+            undecided => *escaped = undecided,
         }
     }
 }
@@ -99,7 +136,15 @@ impl Boards {
         Self { wire, heard: Vec::new(), beyond: 0 }
     }
 
-    /// Decodes bytes, in slices of any size, with their arrival ([`Reception::arrived_at`]).
+    /// Returns the protocol, which turns out to have escapes when the first arrives.
+    pub fn protocol(&self) -> Protocol {
+        match &self.wire {
+            Wire::Packets(wire) => Protocol::Packets(wire.framing),
+            Wire::Original(_) => Protocol::Original,
+        }
+    }
+
+    /// Decodes bytes, in slices of any size, with their arrival time if known, see [`Reception::arrived_at`].
     pub fn feed(&mut self, bytes: &[u8], arrival: Option<Duration>) {
         let Self { wire, heard, beyond } = self;
         let take = |address: Option<Address>, rssi, event: Event| {
@@ -156,7 +201,7 @@ impl Boards {
         let mut losses = Losses { unknown: self.beyond, ..Losses::default() };
         self.heard.iter().for_each(|board| losses += board.reception.losses());
         match &self.wire {
-            Wire::Packets(PacketWire { deframer, modules }) => {
+            Wire::Packets(PacketWire { deframer, modules, .. }) => {
                 losses.damaged += deframer.as_ref().map_or(0, |deframer| deframer.damaged);
                 modules.iter().for_each(|(_, decoder)| losses += damage(decoder));
             }
@@ -204,7 +249,6 @@ impl BoardSource {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_proto::xbee::Mode;
     use shared_proto::{Packet, PacketOrigin, Sample, Values};
 
     fn bytes_of(board: u16, frames: std::ops::Range<u16>) -> Vec<u8> {
@@ -266,6 +310,34 @@ mod tests {
                     }
                 }
                 assert_eq!(boards.losses(), Losses::default());
+            }
+        }
+    }
+
+    /// Most frames read the same in both modes, since the packets' masks avoid escapes.
+    #[test]
+    fn a_stream_that_looks_plain_loses_nothing_at_its_first_escape() {
+        // The escape is in the signal strength, in the length of the frames, or in both.
+        for (rssi, cut) in
+            [(0x11, 30), (0x7E, 30), (47, 0x11 - 5), (47, 0x13 - 5), (0x7D, 0x13 - 5)]
+        {
+            let mut bytes = Vec::new();
+            for (rssi, cut, frames) in [(47, 30, 0..20), (rssi, cut, 20..60)] {
+                for payload in bytes_of(3, frames).chunks(cut) {
+                    let frame =
+                        ApiFrame::Receive { from: Address::Short(9), rssi: Some(rssi), payload };
+                    bytes.extend(frame.encode(Mode::Escaped).unwrap().iter());
+                }
+            }
+            for slice in [1, 11, 4096] {
+                let mut boards = Boards::new(Protocol::Packets(Framing::Xbee(Mode::Plain)));
+                bytes.chunks(slice).for_each(|bytes| boards.feed(bytes, None));
+                boards.finish();
+                let indices: Vec<i64> =
+                    boards.heard[0].frames.iter().map(|frame| frame.index).collect();
+                assert_eq!(indices, (0..60).collect::<Vec<_>>(), "{rssi} {cut} {slice}");
+                assert_eq!((boards.losses(), boards.heard.len()), (Losses::default(), 1));
+                assert_eq!(boards.protocol(), Protocol::Packets(Framing::Xbee(Mode::Escaped)));
             }
         }
     }

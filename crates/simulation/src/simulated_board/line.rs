@@ -17,7 +17,8 @@ use firmware::Clock;
 #[cfg(unix)]
 use serialport::{SerialPort, TTYPort};
 
-use super::PacedClock;
+use super::base_station::Relayed;
+use super::{BaseStation, PacedClock};
 use crate::radio::Radio;
 use shell_data::lock::lock;
 
@@ -29,46 +30,65 @@ const TICK: Duration = Duration::from_millis(10);
 
 pub(super) type InputPipe = Pipe<CriticalSectionRawMutex, 1024>;
 
+/// What is between board and host.
+pub(super) struct Ways {
+    /// To the host and to the board.
+    pub(super) radios: [Arc<Mutex<Radio>>; 2],
+    pub(super) station: Option<Arc<Mutex<BaseStation>>>,
+}
+
+/// Bytes for the host.
+pub(super) enum Upward {
+    /// A packet of the board, for the radio.
+    Packet(Vec<u8>),
+    /// Frames of the base station.
+    Answer(Vec<u8>),
+}
+
+/// The board's end of the line.
 pub(super) struct SerialLine {
     pub(super) port: String,
-    pub(super) packets: SyncSender<Vec<u8>>,
+    pub(super) packets: SyncSender<Upward>,
     pub(super) receiver: &'static InputPipe,
 }
 
 impl SerialLine {
+    /// Creates a pty.
     #[cfg(unix)]
-    pub(super) fn open(radios: &[Arc<Mutex<Radio>>; 2]) -> Result<Self, serialport::Error> {
+    pub(super) fn open(ways: &Ways) -> Result<Self, serialport::Error> {
         let (mut pty, host) = TTYPort::pair()?;
         pty.set_timeout(TICK)?;
         let port = host.name().unwrap_or_default();
         let from_host = pty.try_clone_native()?;
-        Ok(Self::between(port, from_host, pty, radios))
+        Ok(Self::between(port, from_host, pty, ways))
     }
 
-    pub(super) fn listen(at: SocketAddr, radios: &[Arc<Mutex<Radio>>; 2]) -> io::Result<Self> {
+    pub(super) fn listen(at: SocketAddr, ways: &Ways) -> io::Result<Self> {
         let (socket, at) = Socket::listen(at)?;
-        Ok(Self::between(format!("tcp://{at}"), socket.clone(), socket, radios))
+        Ok(Self::between(format!("tcp://{at}"), socket.clone(), socket, ways))
     }
 
     fn between(
         port: String,
         from_host: impl io::Read + Send + 'static,
         to_host: impl io::Write + Send + 'static,
-        radios: &[Arc<Mutex<Radio>>; 2],
+        ways: &Ways,
     ) -> Self {
-        let [up, down] = radios.each_ref().map(Arc::clone);
+        let [up, down] = ways.radios.each_ref().map(Arc::clone);
         let (queue, packets) = sync_channel(QUEUE);
         // Leaked, as the threads need it for the life of the process.
         let receiver: &InputPipe = Box::leak(Box::new(InputPipe::new()));
-        thread::spawn(move || give_to_host(&packets, &up, to_host));
-        thread::spawn(move || give_to_board(from_host, &down, receiver));
+        let station = ways.station.clone();
+        let base = station.clone().map(|station| (station, queue.clone()));
+        thread::spawn(move || give_to_host(&packets, &up, station.as_deref(), to_host));
+        thread::spawn(move || give_to_board(from_host, &down, base, receiver));
         Self { port, packets: queue, receiver }
     }
 }
 
 /// Output of the board: each write becomes one packet.
 pub(super) struct LineSender {
-    pub(super) packets: SyncSender<Vec<u8>>,
+    pub(super) packets: SyncSender<Upward>,
     pub(super) clock: PacedClock,
 }
 
@@ -78,7 +98,7 @@ impl ErrorType for LineSender {
 
 impl Write for LineSender {
     async fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
-        let mut packet = bytes.to_vec();
+        let mut packet = Upward::Packet(bytes.to_vec());
         while let Err(TrySendError::Full(back)) = self.packets.try_send(packet) {
             packet = back;
             self.clock.wait_until_us(self.clock.now_us() + 1000).await;
@@ -91,20 +111,29 @@ impl Write for LineSender {
     }
 }
 
-fn give_to_host(packets: &Queue<Vec<u8>>, radio: &Mutex<Radio>, mut host: impl io::Write) {
+fn give_to_host(
+    packets: &Queue<Upward>,
+    radio: &Mutex<Radio>,
+    station: Option<&Mutex<BaseStation>>,
+    mut host: impl io::Write,
+) {
     let start = Instant::now();
     let now_us = || start.elapsed().as_micros() as u64;
     loop {
         let wait_us = lock(radio).next_arrival_us().map(|at| at.saturating_sub(now_us()));
         let wait = wait_us.map_or(TICK, |us| Duration::from_micros(us).min(TICK));
         match packets.recv_timeout(wait) {
-            Ok(packet) => lock(radio).send(now_us(), &packet),
+            Ok(Upward::Packet(packet)) => lock(radio).send(now_us(), &packet),
+            Ok(Upward::Answer(frames)) => write_all(&mut host, &frames),
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => return,
         }
         loop {
             let Some(delivery) = lock(radio).receive(now_us()) else { break };
-            write_all(&mut host, &delivery.bytes);
+            match station {
+                Some(station) => write_all(&mut host, &lock(station).receive(&delivery.bytes)),
+                None => write_all(&mut host, &delivery.bytes),
+            }
         }
     }
 }
@@ -120,13 +149,28 @@ fn write_all(host: &mut impl io::Write, mut bytes: &[u8]) {
     }
 }
 
-fn give_to_board(mut host: impl io::Read, radio: &Mutex<Radio>, input: &InputPipe) {
+fn give_to_board(
+    mut host: impl io::Read,
+    radio: &Mutex<Radio>,
+    base: Option<(Arc<Mutex<BaseStation>>, SyncSender<Upward>)>,
+    input: &InputPipe,
+) {
     let start = Instant::now();
     let now_us = || start.elapsed().as_micros() as u64;
     let mut buffer = [0; 256];
     loop {
         match host.read(&mut buffer) {
-            Ok(count) => lock(radio).send(now_us(), &buffer[..count]),
+            Ok(count) => match &base {
+                None => lock(radio).send(now_us(), &buffer[..count]),
+                Some((station, answers)) => {
+                    let Relayed { to_board, to_host } = lock(station).take(&buffer[..count]);
+                    to_board.iter().for_each(|data| lock(radio).send(now_us(), data));
+                    if !to_host.is_empty() {
+                        // The other thread ends only with the process.
+                        _ = answers.send(Upward::Answer(to_host));
+                    }
+                }
+            },
             Err(error) if error.kind() == ErrorKind::TimedOut => {}
             Err(_) => thread::sleep(TICK),
         }

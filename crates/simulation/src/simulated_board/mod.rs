@@ -1,18 +1,20 @@
 //! A board without hardware: the firmware's own library in this process, on a pty or over TCP.
 //!
 //! ```text
-//! load ─ SensorModel ─ Instrument ─ firmware (embassy) ─ Radio ─ pty, TCP ─▶ host
-//!                                          ▲                    │
-//!                                          └────────────────────┘
+//! load ─ SensorModel ─ Instrument ─ firmware (embassy) ─ Radio ─ (BaseStation) ─ pty, TCP ─▶ host
+//!                                          ▲                                    │
+//!                                          └────────────────────────────────────┘
 //! ```
 //!
 //! Conversions take as long as on the SkinProc board, and the clock shows the same times
 //! ([`PacedClock`]). Only the calibration is lost when the process ends.
 
+mod base_station;
 mod clock;
 mod instrument;
 mod line;
 
+pub use base_station::BaseStation;
 pub use clock::PacedClock;
 pub use instrument::{Load, SimulatedInstrument};
 
@@ -30,7 +32,7 @@ use crate::SimulationError;
 use crate::radio::{Books, Faults, Radio};
 use crate::sensor_model::{SensorModel, SensorParameters};
 use clock::SyncScript;
-use line::{LineSender, SerialLine};
+use line::{LineSender, SerialLine, Ways};
 use shell_data::lock::lock;
 
 #[derive(Clone, Debug)]
@@ -44,13 +46,22 @@ pub struct BoardSettings {
     pub faults: Faults,
     /// Rising edges at the sync input, s after the board's start.
     pub sync_s: Vec<f64>,
+    /// The XBee at the host, unless it is transparent.
+    pub base_station: Option<BaseStation>,
 }
 
 impl BoardSettings {
     /// Sets up a board of unit 1 with its usual noise, on a perfect radio, without edges.
     pub fn new(load: Load, seed: u64) -> Self {
-        let (faults, sync_s) = (Faults::default(), Vec::new());
-        Self { load, seed, unit_seed: 1, noise_scale: 1.0, faults, sync_s }
+        Self {
+            load,
+            seed,
+            unit_seed: 1,
+            noise_scale: 1.0,
+            faults: Faults::default(),
+            sync_s: Vec::new(),
+            base_station: None,
+        }
     }
 }
 
@@ -65,26 +76,30 @@ impl SimulatedBoard {
     #[cfg(unix)]
     pub fn start(settings: BoardSettings) -> Result<Self, SimulationError> {
         let no_pty = |error| SimulationError(format!("cannot make a pty: {error}"));
-        Self::on(settings, |radios| SerialLine::open(radios).map_err(no_pty))
+        Self::on(settings, |ways| SerialLine::open(ways).map_err(no_pty))
     }
 
     /// Starts a board on TCP, for one host at a time.
     pub fn listen(settings: BoardSettings, at: SocketAddr) -> Result<Self, SimulationError> {
         let no_socket = |error| SimulationError(format!("cannot listen at {at}: {error}"));
-        Self::on(settings, |radios| SerialLine::listen(at, radios).map_err(no_socket))
+        Self::on(settings, |ways| SerialLine::listen(at, ways).map_err(no_socket))
     }
 
     fn on(
         settings: BoardSettings,
-        line: impl FnOnce(&[Arc<Mutex<Radio>>; 2]) -> Result<SerialLine, SimulationError>,
+        line: impl FnOnce(&Ways) -> Result<SerialLine, SimulationError>,
     ) -> Result<Self, SimulationError> {
-        let BoardSettings { load, seed, unit_seed, noise_scale, faults, sync_s } = settings;
+        let BoardSettings { load, seed, unit_seed, noise_scale, faults, sync_s, base_station } =
+            settings;
         let unit = SensorParameters::noisy_unit(unit_seed, noise_scale)?;
         let sensor = SensorModel::new(&unit, seed)?;
         // The two directions fail independently.
         let radio = |way| Radio::new(faults, seed << 1 | way).map(|it| Arc::new(Mutex::new(it)));
-        let radios = [radio(0)?, radio(1)?];
-        let SerialLine { port, packets, receiver } = line(&radios)?;
+        let ways = Ways {
+            radios: [radio(0)?, radio(1)?],
+            station: base_station.map(|station| Arc::new(Mutex::new(station))),
+        };
+        let SerialLine { port, packets, receiver } = line(&ways)?;
         thread::spawn(move || {
             let clock = PacedClock::start();
             let front_end = SimulatedInstrument::new(sensor, load, clock.clone());
@@ -97,7 +112,7 @@ impl SimulatedBoard {
             let next_edge = async || sync_input.next_edge().await;
             clock.run(station.run(front_end, to_host, from_host, next_edge, || {}));
         });
-        Ok(Self { port, radios })
+        Ok(Self { port, radios: ways.radios })
     }
 
     pub fn port(&self) -> &str {

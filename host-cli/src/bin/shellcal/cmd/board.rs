@@ -23,8 +23,9 @@ pub(crate) struct BoardArgs {
     #[arg(value_name = "PORT")]
     port: Option<String>,
 
-    /// Be a board until Ctrl-C
-    #[arg(long, conflicts_with_all = ["port", "framing", "baud", "flow_control", "to"])]
+    /// Be a board until Ctrl-C: on a wire; with `--framing xbee-ap1` or `xbee-ap2` behind a base station that
+    /// answers as Digi's, with `--to` as the address of the board's module
+    #[arg(long, conflicts_with_all = ["port", "baud", "flow_control"])]
     simulate: bool,
 
     /// Serial number of the board, as printed by `identify`, if several boards can hear
@@ -112,7 +113,7 @@ impl BoardArgs {
                 "no port is named: `shellcal board PORT ACTION`; `shellcal board` lists the ports"
             );
             return match self.simulate {
-                true => self.simulation.run(printer),
+                true => self.simulation.run(&self.serial, printer),
                 false => super::ports::list(printer),
             }
             .map(Outcome::from);

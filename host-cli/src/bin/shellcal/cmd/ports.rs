@@ -6,8 +6,9 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use anyhow::Context;
 use board_link::recording::PROTOCOLS;
-use board_link::{FlowControl, PortOptions, RecordOptions, TCP, Uplink, ports};
+use board_link::{EVERY_MODULE, FlowControl, PortOptions, RecordOptions, TCP, Uplink, ports};
 use frame_stream::{Destination, NetFtAddress};
+use shared_proto::xbee::Address;
 use shared_proto::{Framing, Protocol};
 
 use super::choices::one_of;
@@ -65,8 +66,9 @@ pub(crate) struct SerialArgs {
     #[arg(long, value_name = "FRAMING", value_parser = one_of(&PROTOCOLS))]
     pub(crate) framing: Option<Protocol>,
 
-    /// Address of the board's XBee, for a base station in API mode; of `stream` also `netft[:PORT]`, which is `--output
-    /// netft[:PORT]` without the standard output
+    /// Address of the board's XBee, for a base station in API mode: 0x0000 to 0xFFFF, or the 16 digits of its
+    /// serial number; of `stream` also `netft[:PORT]`, which is `--output netft[:PORT]` without the standard
+    /// output
     #[arg(long, value_name = "ADDRESS", default_value = "0xFFFF", value_parser = parse_recipient)]
     pub(crate) to: Recipient,
 }
@@ -75,7 +77,7 @@ pub(crate) struct SerialArgs {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Recipient {
     /// A board, by the address of its module.
-    Board(u16),
+    Board(Address),
     /// A program that reads a Net F/T box.
     NetFt(NetFtAddress),
 }
@@ -99,10 +101,10 @@ impl SerialArgs {
     }
 
     /// The address of the board's module; all boards where `--to` names none.
-    pub(crate) fn address(&self) -> u16 {
+    pub(crate) fn address(&self) -> Address {
         match self.to {
             Recipient::Board(address) => address,
-            Recipient::NetFt(_) => 0xffff,
+            Recipient::NetFt(_) => EVERY_MODULE,
         }
     }
 
@@ -165,12 +167,16 @@ fn parse_recipient(text: &str) -> Result<Recipient, String> {
     parse_address(text).map(Recipient::Board)
 }
 
-fn parse_address(text: &str) -> Result<u16, String> {
-    let parsed = match text.strip_prefix("0x").or_else(|| text.strip_prefix("0X")) {
-        Some(digits) => u16::from_str_radix(digits, 16),
-        None => text.parse(),
+fn parse_address(text: &str) -> Result<Address, String> {
+    let digits = text.strip_prefix("0x").or_else(|| text.strip_prefix("0X"));
+    let parsed = match digits.unwrap_or(text) {
+        // Serial numbers are printed without a prefix.
+        serial if serial.len() == 16 => u64::from_str_radix(serial, 16).map(Address::Long),
+        short if digits.is_some() => u16::from_str_radix(short, 16).map(Address::Short),
+        short => short.parse().map(Address::Short),
     };
-    parsed.map_err(|error| format!("{error}; an address is 0x0000 to 0xFFFF"))
+    let wrong = "an address is 0x0000 to 0xFFFF, or a serial number: 0013A20040522BAA";
+    parsed.map_err(|error| format!("{error}; {wrong}"))
 }
 
 pub(crate) fn parse_duration(text: &str) -> Result<Duration, &'static str> {

@@ -10,13 +10,15 @@ use std::time::{Duration, Instant};
 use anyhow::Context;
 use log_file::{Log, LogError, Mapping, ReadOptions, Wanted};
 use serde_json::json;
+use shared_proto::{Framing, Protocol};
 use shell_data::lock::lock;
 use shell_data::wrench::{Axes, PerAxis};
 use simulation::radio::{Books, Faults};
 use simulation::sensor_model::LoadTable;
-use simulation::simulated_board::{BoardSettings, Load, SimulatedBoard};
+use simulation::simulated_board::{BaseStation, BoardSettings, Load, SimulatedBoard};
 
 use super::choices::{number_in, numbers};
+use super::ports::SerialArgs;
 use super::simulated_unit::{NoiseArgs, SeedArgs};
 use super::stream::{EndingArgs, each_line};
 use crate::files::{InputPath, OutputLocation, is_standard};
@@ -73,7 +75,17 @@ impl SimulationArgs {
         self.seeds.is_given() || self.noise.is_given() || self.ending.until_eof
     }
 
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
+    pub(crate) fn run(&self, serial: &SerialArgs, printer: &Printer) -> anyhow::Result<()> {
+        serial.expect_board()?;
+        let base_station = match serial.framing {
+            None | Some(Protocol::Packets(Framing::Cobs)) => None,
+            Some(Protocol::Packets(Framing::Xbee(mode))) => {
+                Some(BaseStation::new(mode, serial.address()))
+            }
+            Some(Protocol::Original) => {
+                anyhow::bail!("a simulated board speaks `cobs`, `xbee-ap1` or `xbee-ap2`")
+            }
+        };
         let stop = signals::stop_flag()?;
         // Set by lines of the standard input, which may also end the board.
         let commanded = Arc::default();
@@ -97,6 +109,7 @@ impl SimulationArgs {
             noise_scale: self.noise.scale(),
             faults: self.radio.unwrap_or_default(),
             sync_s: self.sync.clone(),
+            base_station,
         };
         let board = match self.listen {
             Some(at) => SimulatedBoard::listen(settings, at)?,
