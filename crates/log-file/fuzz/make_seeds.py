@@ -1,6 +1,6 @@
 """Writes one recording in every kind of file that is read, by the programs that people write them with.
 
-    pip install numpy scipy polars pyarrow openpyxl mcap-ros2-support h5py nptdms rosbags
+    pip install numpy scipy polars pandas pyarrow openpyxl odfpy mcap-ros2-support h5py nptdms rosbags
     python make_seeds.py
 
 The files are seeds of the fuzz targets, and what tests/kinds_of_file.rs compares.
@@ -8,6 +8,7 @@ The files are seeds of the fuzz targets, and what tests/kinds_of_file.rs compare
 
 import datetime
 import gzip
+import itertools
 import json
 import pathlib
 import shutil
@@ -25,7 +26,11 @@ from backports import zstd
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 from mcap_ros2.writer import Writer
-from nptdms import ChannelObject, TdmsWriter
+from nptdms import ChannelObject, TdmsFile, TdmsWriter
+from odf import table as odf
+from odf.office import Annotation
+from odf.opendocument import OpenDocumentSpreadsheet
+from odf.text import P
 from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_typestore
 
@@ -222,6 +227,49 @@ for row in rows:
     sheet.append([datetime.timedelta(seconds=row[0]), *row[1:], None, "quiet"])
 workbook.save(at("xlsx", "notes.xlsx"))
 
+# A sheet by pandas; and a sheet as LibreOffice stores it, with a title, units, notes beside the rows, equal cells
+# stored once, and an elapsed time.
+table.to_pandas().to_excel(at("ods", "pandas.ods"), engine="odf", index=False)
+document = OpenDocumentSpreadsheet()
+
+
+def sheet_row(sheet, values, empty, repeat=1):
+    row = odf.TableRow(numberrowsrepeated=repeat)
+    for value, equal in itertools.groupby(values):
+        cell = odf.TableCell(numbercolumnsrepeated=len(list(equal)))
+        if isinstance(value, datetime.timedelta):
+            cell.setAttribute("valuetype", "time")
+            cell.setAttribute("timevalue", f"PT00H00M{value.total_seconds():012.9f}S")
+        elif isinstance(value, str):
+            cell.setAttribute("valuetype", "string")
+            if value == "time":
+                comment = Annotation()
+                comment.addElement(P(text="a comment"))
+                cell.addElement(comment)
+            cell.addElement(P(text=value))
+        elif value is not None:
+            cell.setAttribute("valuetype", "float")
+            cell.setAttribute("value", value)
+        row.addElement(cell)
+    row.addElement(odf.TableCell(numbercolumnsrepeated=empty))
+    sheet.addElement(row)
+
+
+sheet = odf.Table(name="notes")
+sheet_row(sheet, ["recorded on a Sunday"], 16383)
+document.spreadsheet.addElement(sheet)
+sheet = odf.Table(name="run")
+sheet_row(sheet, ["session 3, rig 7"], 16383)
+sheet_row(sheet, [], 16384, repeat=2)
+sheet_row(sheet, [None, "time", *names[1:]], 16367)
+sheet_row(sheet, [None, "s"] + ["counts"] * 8 + ["N"] * 3 + ["N·m"] * 3, 16369)
+for row in rows:
+    elapsed = datetime.timedelta(seconds=row[0])
+    sheet_row(sheet, [None, elapsed, *row[1:], None, None, "quiet"] if row[1] % 2 else [None, elapsed, *row[1:]], 9)
+sheet_row(sheet, [], 16384, repeat=1_048_547)
+document.spreadsheet.addElement(sheet)
+document.save(at("ods", "libreoffice.ods"))
+
 for codec in [CompressionType.NONE, CompressionType.LZ4, CompressionType.ZSTD]:
     with open(at("mcap", f"{codec.name.lower()}.mcap"), "wb") as file:
         writer = Writer(file, compression=codec)
@@ -270,6 +318,48 @@ for name, pieces, clock in [("waveform.tdms", 3, []), ("times.tdms", 1, ["time",
             if clock:
                 channels.append(ChannelObject("run", "group", [groups[row] for row in rows_of]))
             writer.write_segment(channels)
+
+# Samples of two measurement cards (DAQmx), which npTDMS reads but no package writes: rows of integers, then of
+# doubles. The first scale of a channel is the card's own.
+def tdms_text(text):
+    return struct.pack("<I", len(text)) + text.encode()
+
+
+def tdms_channel(name, kind, card, offset, rows_of):
+    index = struct.pack("<IIIQI5I3I", 0x1269, 0xFFFFFFFF, 1, rows_of, 1, kind, card, offset, 0, 0, 2, 16, 48)
+    properties = b"".join(
+        tdms_text(key) + (struct.pack("<I", 0x20) + tdms_text(value) if isinstance(value, str) else value)
+        for key, value in {
+            "NI_Scaling_Status": "unscaled",
+            "NI_Number_Of_Scales": struct.pack("<II", 7, 2),
+            "NI_Scale[1]_Scale_Type": "Linear",
+            "NI_Scale[1]_Linear_Slope": struct.pack("<Id", 10, 1.0),
+            "NI_Scale[1]_Linear_Y_Intercept": struct.pack("<Id", 10, 0.0),
+            "NI_Scale[1]_Linear_Input_Source": struct.pack("<II", 7, 0),
+            "wf_increment": struct.pack("<Id", 10, 0.01),
+        }.items()
+    )
+    return tdms_text(f"/'run'/'{name}'") + index + struct.pack("<I", 7) + properties
+
+
+chunk = 10
+channels = [tdms_channel(f"s{i + 1}", 3, 0, 2 * i, chunk) for i in range(8)]
+channels += [tdms_channel(axis, 9, 1, 8 * i, chunk) for i, axis in enumerate(AXES)]
+nothing = struct.pack("<II", 0xFFFFFFFF, 0)
+objects = [tdms_text("/") + nothing, tdms_text("/'run'") + nothing, *channels]
+objects = struct.pack("<I", len(objects)) + b"".join(objects)
+whole = range(0, ROWS - ROWS % chunk, chunk)
+values = b"".join(
+    readings[at : at + chunk].astype("<i2").tobytes() + wrench[at : at + chunk].astype("<f8").tobytes() for at in whole
+)
+head = struct.pack("<4sIIQQ", b"TDSm", 2 | 4 | 8 | 128, 4713, len(objects) + len(values), len(objects))
+rest = objects.replace(struct.pack("<QI", chunk, 1), struct.pack("<QI", ROWS % chunk, 1))
+last = readings[whole.stop :].astype("<i2").tobytes() + wrench[whole.stop :].astype("<f8").tobytes()
+tail = struct.pack("<4sIIQQ", b"TDSm", 2 | 4 | 8 | 128, 4713, len(rest) + len(last), len(rest))
+at("tdms", "cards.tdms").write_bytes(head + objects + values + tail + rest + last)
+read = TdmsFile.read(at("tdms", "cards.tdms"))["run"]
+assert all((read[f"s{i + 1}"][:] == readings[:, i]).all() for i in range(8))
+assert all((read[axis][:] == columns[axis]).all() for axis in AXES)
 
 # Bags of ROS 1 and of ROS 2 in SQLite, with readings in JSON and a topic of remarks.
 def write_bag(writer, store, serialize):

@@ -188,7 +188,7 @@ impl Hint for PlacedProblem {
                 return Some(format!("say it with `--unit '{column}=UNIT'`: {understood}"));
             }
             Self::UnclearTimeUnit { .. } => {
-                "say it with `--time-unit`, or in the name of the column (`t_ms`, `t_us`)"
+                "say it with `--time-unit` (days: `--unit time=d`), or in the name of the column (`t_ms`)"
             }
             Self::UnclearDate { .. } => {
                 "say it with `--unit time=d/m/y` or `--unit time=m/d/y`; the times of a day \

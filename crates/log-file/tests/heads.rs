@@ -174,6 +174,162 @@ fn rows_with_labels_keys_or_an_arrow_are_read() {
     assert_eq!(of.readings, [[5.0, 7.0], [6.0, 8.0]]);
 }
 
+/// Rows in the layouts of further programs: the same times and forces in each.
+#[test]
+fn names_units_and_times_of_further_programs_are_found() {
+    let table = |head: &str, row: &dyn Fn(usize) -> String| {
+        let rows: Vec<String> = (0..40).map(row).collect();
+        format!("{head}{}\n", rows.join("\n"))
+    };
+    let force = |at: usize| at as f64 - 20.25;
+    for (what, start_s, text) in [
+        (
+            "NumPy, names with units",
+            0.0,
+            table("# time [s]  Fx [N]  Fy [N]\n", &|at| format!("{}.0 {} 1.5", at, force(at))),
+        ),
+        (
+            "NumPy, names between commas above rows between blanks",
+            0.0,
+            table("# t, Fx (N), Fy (N)\n", &|at| format!("{:e} {:e} 1.5", at as f64, force(at))),
+        ),
+        (
+            "names at wide distances",
+            0.0,
+            table("elapsed time   Fx N   Fy N\n", &|at| format!("{at}   {}   1.5", force(at))),
+        ),
+        (
+            "R, write.table",
+            0.0,
+            table("\"t\" \"Fx (N)\" \"Fy\" \"of\"\n", &|at| {
+                format!("\"{}\" {at} {} 1.5 \"pose {}\"", at + 1, force(at), at / 10)
+            }),
+        ),
+        (
+            "pandas, dates as the index",
+            1_772_366_400.0,
+            table(",Fx,Fy\n", &|at| format!("2026-03-01 13:00:{at:02}+01:00,{},1.5", force(at))),
+        ),
+        (
+            "pandas, durations as the index",
+            86_400.0,
+            table(",Fx,Fy\n", &|at| format!("1 days 00:00:{at:02}.000000,{},1.5", force(at))),
+        ),
+        (
+            "PlotJuggler",
+            1_700_000_000.0,
+            table(
+                "__time,/ft/wrench/force/x,/ft/wrench/force/y,/ft/wrench/force/z,/ft/wrench/torque/x,\
+                 /ft/wrench/torque/y,/ft/wrench/torque/z\n",
+                &|at| format!("{}.0,{},1.5,0,0,0,0", 1_700_000_000 + at, force(at)),
+            ),
+        ),
+        (
+            "one force plate with its number",
+            0.0,
+            table("Time (s)\tFx1\tFy1\tFz1\tMx1\tMy1\tMz1\n", &|at| {
+                format!("{at}\t{}\t1.5\t0\t0\t0\t0", force(at))
+            }),
+        ),
+        (
+            "seconds and nanoseconds of ROS",
+            1_700_000_000.5,
+            table("header.stamp.sec,header.stamp.nanosec,wrench.force.x,wrench.force.y\n", &|at| {
+                format!("{},500000000,{},1.5", 1_700_000_000 + at, force(at))
+            }),
+        ),
+        (
+            "seconds and nanoseconds of a simulation, at the end",
+            12.25,
+            table("Fx,Fy,clock.secs,clock.nsecs\n", &|at| {
+                format!("{},1.5,{},250000000", force(at), 12 + at)
+            }),
+        ),
+        (
+            "LabVIEW, without a field for the comment",
+            0.0,
+            table(
+                "LabVIEW Measurement\t\nSeparator\tTab\nX_Columns\tMulti\n***End_of_Header***\t\n\t\n\
+                 Channels\t2\t\t\t\n***End_of_Header***\t\t\t\nX_Value\tFx\tX_Value\tFy\tComment\t\n",
+                &|at| format!("{at}.0\t{}\t{at}.0\t1.5", force(at)),
+            ),
+        ),
+    ] {
+        let log = open(&text);
+        let of = rows(&log);
+        assert_eq!((of.rows, of.time_s.len()), (40, 40), "{what}");
+        assert_eq!((of.time_s[0], of.time_s[39]), (start_s, start_s + 39.0), "{what}");
+        let found = (axis(&of, Axis::Fx)[39], axis(&of, Axis::Fy)[39]);
+        assert_eq!(found, (18.75, 1.5), "{what}");
+    }
+}
+
+#[test]
+fn two_force_plates_are_not_one() {
+    let names = ["Fx", "Fy", "Fz", "Mx", "My", "Mz"];
+    let of = |plate: usize| names.map(|name| format!("{name}{plate}")).join(",");
+    let row = "1,2,3,4,5,6,1,2,3,4,5,6\n";
+    // Only the first plate has the usual end; the second is not mistaken for it.
+    let log = open(&format!("{},{}\n{row}{row}", of(2), of(3)));
+    assert!(!log.has_wrench());
+}
+
+#[test]
+fn rows_without_names_are_read_below_text_by_the_numbers_of_columns() {
+    let rows_of = |count: usize| -> String {
+        (0..count).map(|at| format!("{at}.5,{},{}\n", 100 + at, 200 - at)).collect()
+    };
+    let columns = |text: &str| log_file::parse_columns(text).ok();
+    let by_number =
+        Mapping { time: parse_column("1").ok(), sensors: columns("2-3"), ..Mapping::default() };
+    for head in ["rig 7\nby hand, at noon\n", "a,b,c,d\n", "session 3\n\n", "# rig 7\n"] {
+        let text = format!("{head}{}", rows_of(20));
+        let log = open_with(&text, &by_number).unwrap();
+        let of = rows(&log);
+        assert_eq!((of.rows, of.time_s[0], &of.readings[1][..2]), (20, 0.5, &[200.0, 199.0][..]));
+        // Columns that are given by name need a line of names.
+        let by_name = Mapping { sensors: columns("b,c"), ..Mapping::default() };
+        let read = open_with(&text, &by_name).and_then(|log| {
+            let wanted = Wanted { readings: true, ..Wanted::default() };
+            log.read_whole(&wanted, &ReadOptions::default()).map(drop)
+        });
+        assert!(read.is_err(), "{head}");
+    }
+}
+
+#[test]
+fn lines_with_two_carriage_returns_are_lines() {
+    let of = rows(&open("t_s,s1,fz\r\r\n0.0,5,1\r\r\n0.1,6,2\r\r\n"));
+    assert_eq!((&of.time_s[..], &*of.readings[0]), (&[0.0, 0.1][..], &[5.0, 6.0][..]));
+    let of = rows(&open("\"t_s\",\"s1\"\r\r\n0.0,\"5\"\r\r\n0.1,\"6\"\r\r\n"));
+    assert_eq!(of.readings[0], [5.0, 6.0]);
+}
+
+#[test]
+fn days_are_asked_for() {
+    // 10 ms are 1.157e-7 days; 2026-03-01 is day 46082 in Excel, and 739,677 in MATLAB.
+    for first in [46_082.5, 739_677.5] {
+        let row = |at: usize| format!("{:.10},{at}\n", first + at as f64 * 0.01 / 86_400.0);
+        let text = format!("time,s1\n{}", (0..40).map(row).collect::<String>());
+        let error = open_with(&text, &Mapping::default()).unwrap_err().to_string();
+        assert!(error.contains("the time unit of column `time` is not known"), "{error}");
+        let units = vec![("time".to_owned(), "d".to_owned())];
+        let of = rows(&open_with(&text, &Mapping { units, ..Mapping::default() }).unwrap());
+        // Ten decimals of a day are 8.64 µs.
+        assert!((of.time_s[39] - of.time_s[0] - 0.39).abs() < 1e-5);
+    }
+    // A clock of seconds at 1 kHz.
+    assert!(open("time,s1\n46082.500,1\n46082.501,2\n46082.502,3\n").has_time());
+}
+
+#[test]
+fn numbers_with_a_unit_are_rows() {
+    let mapping = Mapping { wrench: log_file::parse_wrench("fz=1").ok(), ..Mapping::default() };
+    let log = open_with("Tare done\n0.500 kg\n0.250 kg\n-1.000 kg\n", &mapping).unwrap();
+    // Standard gravity is 9.80665 m/s².
+    assert_eq!(axis(&rows(&log), Axis::Fz), [4.903_325, 2.451_662_5, -9.806_65]);
+}
+
 #[test]
 fn what_is_no_table_is_refused_and_what_the_user_says_decides() {
     let talk = "hello, world\nthis is, no log\nof any, kind\n";

@@ -15,9 +15,9 @@ use shell_data::block::Block;
 use table_file::write::Cells;
 
 /// The folders with the files.
-const FOLDERS: [&str; 11] = [
-    "text", "packed", "parquet", "matlab", "hdf5", "numpy", "xlsx", "mcap", "rosbag", "sqlite",
-    "tdms",
+const FOLDERS: [&str; 12] = [
+    "text", "packed", "parquet", "matlab", "hdf5", "numpy", "ods", "xlsx", "mcap", "rosbag",
+    "sqlite", "tdms",
 ];
 
 fn seeds() -> PathBuf {
@@ -87,6 +87,44 @@ fn a_recording_has_the_same_rows_in_every_kind_of_file() {
             assert_eq!(rows(&path, threads).unwrap().0, found, "{name}, {threads} threads");
         }
     }
+}
+
+/// A recorder that is killed leaves a bag without an index, and a chunk whose sizes it has not filled in.
+#[test]
+fn a_bag_whose_recorder_was_killed_is_read_to_its_last_whole_message() {
+    let (expected, _) = rows(&seeds().join("rosbag/none.bag"), 1).unwrap();
+    let whole = std::fs::read(seeds().join("rosbag/none.bag")).unwrap();
+    let place = |of: &[u8]| whole.windows(of.len()).position(|part| part == of).unwrap() + of.len();
+    let word = |at: usize| u32::from_le_bytes(*whole[at..].first_chunk().unwrap()) as usize;
+    let (index, size) = (place(b"index_pos="), place(b"size="));
+    // The length of the chunk follows its header, which ends with the size.
+    let (length, end) = (size + 4, size + 8 + word(size + 4));
+    let read = |bytes: &[u8]| {
+        let log = Log::in_memory(Path::new("run.bag"), bytes.into(), &Mapping::default())?;
+        let wanted = Wanted { time: true, readings: true, wrench: true, ..Wanted::default() };
+        let (block, _) = log.read_whole(&wanted, &ReadOptions::default())?;
+        Ok::<_, LogError>((block, log.is_cut_off()))
+    };
+    assert!(!read(&whole).unwrap().1);
+    for (share, is_filled_in) in [(2, true), (2, false), (3, false), (1, false)] {
+        let mut bytes = whole[..size + 8 + (end - size - 8) / share].to_vec();
+        bytes[index..index + 8].fill(0);
+        if !is_filled_in {
+            bytes[size..size + 4].fill(0);
+            bytes[length..length + 4].fill(0);
+        }
+        let (found, is_cut) = read(&bytes).unwrap();
+        let least = if share == 1 { 24 } else { 4 };
+        assert!(is_cut && (least..=24).contains(&found.rows), "{share}: {}", found.rows);
+        for (found, expected) in found.readings.iter().zip(&expected.readings) {
+            assert_eq!(found[..], expected[..found.len()]);
+        }
+    }
+    // Without its index a bag has all of its messages; with a damaged length it is damaged.
+    assert_eq!(read(&whole[..end]).unwrap().0.rows, 24);
+    let mut damaged = whole.clone();
+    damaged[length + 2] = 0xff;
+    assert!(read(&damaged).unwrap_err().to_string().contains("damaged"));
 }
 
 /// Tests a table with a table, a table with a text, and a text with a table.

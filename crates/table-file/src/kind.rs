@@ -17,6 +17,8 @@ pub enum FileKind {
     Mcap,
     /// A NumPy array.
     NumPy,
+    /// A spreadsheet of LibreOffice and others.
+    Ods,
     Parquet,
     /// A bag of ROS 1.
     Rosbag,
@@ -38,6 +40,7 @@ impl FileKind {
             Self::Matlab => ["matlab", "a MATLAB 5 file"],
             Self::Mcap => ["mcap", "an MCAP file"],
             Self::NumPy => ["numpy", "a NumPy file"],
+            Self::Ods => ["ods", "an OpenDocument spreadsheet"],
             Self::Parquet => ["parquet", "a Parquet file"],
             Self::Rosbag => ["rosbag", "a ROS 1 bag"],
             Self::Sqlite => ["sqlite", "an SQLite database"],

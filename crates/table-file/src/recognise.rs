@@ -30,6 +30,8 @@ const NETCDF: &str = "a netCDF-3 file";
 const AS_NETCDF_4: &str = "write netCDF-4, which is HDF5: `nccopy -k nc4 OLD NEW`";
 const R_DATA: &str = "an R data file";
 const AS_CSV_IN_R: &str = "write it as CSV: in R `write.csv(TABLE, 'log.csv', row.names = FALSE)`";
+const DECODE: &str =
+    "write its signals as CSV: in Python `asammdf` or `cantools`, with the DBC of the sensor";
 const NO_TABLE: &str = "give the table that it was made of";
 
 /// The signature of HDF5, at position 0 or at a power of two from 512 ("HDF5 File Format Specification
@@ -37,7 +39,7 @@ const NO_TABLE: &str = "give the table that it was made of";
 const HDF5: &[u8] = b"\x89HDF\r\n\x1a\n";
 
 /// Kinds that are not read, by how they begin.
-const FOREIGN: [(&[u8], &str, &str); 27] = [
+const FOREIGN: [(&[u8], &str, &str); 30] = [
     (b"ARROW1", ARROW, AS_PARQUET),
     (b"FEA1", ARROW, AS_PARQUET),
     (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "an old Excel or Office file", AS_XLSX),
@@ -52,11 +54,10 @@ const FOREIGN: [(&[u8], &str, &str); 27] = [
         "an MDF measurement file",
         "write it as CSV: in Python `asammdf.MDF(FILE).export('csv', single_time_base=True)`",
     ),
-    (
-        b"LOGG\x90\0\0\0",
-        "a recording of a CAN bus (BLF)",
-        "write its signals as CSV: in Python `asammdf` or `cantools`, with the DBC of the sensor",
-    ),
+    (b"LOGG\x90\0\0\0", "a recording of a CAN bus (BLF)", DECODE),
+    (b"<?xml", "an XML document", EXPORT),
+    (b"<!DOCTYPE", "an HTML page", EXPORT),
+    (b"<html", "an HTML page", EXPORT),
     (b"TDSh", "the index of a TDMS file", "give the file beside it that ends in `.tdms`"),
     (b"\x80\x02", "a Python pickle", EXPORT),
     (b"\x80\x03", "a Python pickle", EXPORT),
@@ -126,6 +127,14 @@ fn text_document(head: &[u8]) -> Option<(&'static str, &'static str)> {
             "write one object per line: `jq -c '.[]' FILE > log.jsonl`",
         ));
     }
+    if rest(b"<?xml").is_some() && head.windows(9).any(|part| part == b"<FTSensor") {
+        return Some(("a calibration of an ATI sensor", "use it with `shellcal import`"));
+    }
+    let first = head.split(|&byte| byte == b'\n').next().and_then(|line| str::from_utf8(line).ok());
+    let frame = first.and_then(|line| line.strip_prefix('(')?.split_once(") "));
+    if frame.is_some_and(|(time, rest)| time.parse::<f64>().is_ok() && rest.contains('#')) {
+        return Some(("a log of a CAN bus (candump)", DECODE));
+    }
     let is_echo = rest(b"header:").is_some_and(|rest| rest.trim_ascii_start().starts_with(b"s"));
     is_echo.then_some((
         "YAML of messages as ROS prints them",
@@ -161,7 +170,7 @@ fn archive(head: &[u8]) -> Recognised {
     let has = |name: &[u8]| head.windows(name.len()).any(|window| window == name);
     let foreign = |what, remedy| Recognised::Foreign { what, remedy };
     if has(b"opendocument.spreadsheet") {
-        foreign("an OpenDocument spreadsheet", AS_XLSX)
+        Recognised::Table(FileKind::Ods)
     } else if has(b"xl/workbook.bin") {
         foreign("a binary Excel workbook (.xlsb)", AS_XLSX)
     } else if has(b"[Content_Types].xml") || has(b"xl/") || has(b"_rels/.rels") || has(b"docProps/")

@@ -8,7 +8,7 @@ use crate::format::{
     ColumnPart, FileSource, FoundTable, RowSource, RowStream, TableColumn, TablePart, WantedColumn,
 };
 use crate::kind::{FileKind, TableError};
-use crate::{hdf5, mat5, npy, parquet, recording, tdms, xdf, xlsx};
+use crate::{hdf5, mat5, npy, ods, parquet, recording, tdms, xdf, xlsx};
 
 /// A table in a file.
 #[derive(Clone, Debug)]
@@ -37,6 +37,7 @@ impl Table {
                 recording::open(kind, file, part)?
             }
             FileKind::NumPy => npy::open(file)?,
+            FileKind::Ods => ods::open(file, part)?,
             FileKind::Parquet => parquet::open(file)?,
             FileKind::Tdms => tdms::open(file, part)?,
             FileKind::Xdf => xdf::open(file, part)?,

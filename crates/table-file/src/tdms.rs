@@ -36,10 +36,12 @@ const IS_BIG_ENDIAN: u32 = 1 << 6;
 /// The position of the next segment in a segment that was not finished.
 const UNFINISHED: u64 = u64::MAX;
 
-/// Indexes of values: none, the same as before, and those of measurement cards.
+/// Indexes of values: none, the same as before, and those of measurement cards (DAQmx), whose samples or
+/// digital lines are mixed in a buffer.
 const NO_VALUES: u32 = 0xffff_ffff;
 const SAME_VALUES: u32 = 0;
-const OF_CARD: [u32; 2] = [0x6912_0000, 0x6913_0000];
+const OF_CARD: u32 = 0x1269;
+const OF_LINES: [u32; 2] = [0x126a, 0x1369];
 
 /// Maximum number of pieces of a file's channels.
 const PIECES: usize = 1 << 20;
@@ -52,6 +54,18 @@ struct Index {
     count: u64,
     /// Size of all values in bytes, for texts.
     bytes: u64,
+    /// The place of a card's values: number of the buffer, and position in a row of it.
+    card: Option<(usize, u64)>,
+}
+
+impl Index {
+    /// Returns the buffer of a card's values and their position in its rows, which have these lengths; `None`
+    /// if they do not fit.
+    fn place_in(&self, rows: &[u64]) -> Option<(usize, u64)> {
+        let (buffer, offset) = self.card?;
+        let end = offset.saturating_add(size(self.kind)? as u64);
+        rows.get(buffer).is_some_and(|row| end <= *row).then_some((buffer, offset))
+    }
 }
 
 /// A part of a channel's values.
@@ -70,8 +84,10 @@ struct Channel {
     /// The type of the values, 0 if there are none.
     kind: u32,
     is_little: bool,
-    /// True if the values cannot be read: of a card, or of several types.
-    is_unread: bool,
+    /// The reason why the values cannot be read.
+    unread: Option<&'static str>,
+    /// True for values of a card, which need a scale.
+    is_of_card: bool,
     pieces: Vec<Piece>,
     count: u64,
     properties: HashMap<String, Property>,
@@ -99,8 +115,17 @@ pub(crate) fn open(source: &FileSource, part: Option<&str>) -> Result<FoundTable
     // The reader notes only a missing end.
     let Reader { channels, mut notes, .. } = reader;
     let is_cut_off = !notes.is_empty();
-    let channels: Vec<Channel> =
-        channels.into_iter().filter(|channel| channel.name.contains('/')).collect();
+    let (mut channels, parents): (Vec<Channel>, Vec<Channel>) =
+        channels.into_iter().partition(|channel| channel.name.contains('/'));
+    for channel in channels.iter_mut().filter(|channel| !channel.has_scales()) {
+        let group = channel.name.split('/').next().unwrap_or_default();
+        // The scales of a group, or else of the file, whose name is empty.
+        let of = |name: &str| parents.iter().find(|it| it.name == name && it.has_scales());
+        if let Some(parent) = of(group).or_else(|| of("")) {
+            let all = parent.properties.iter().filter(|(key, _)| key.starts_with("NI_"));
+            channel.properties.extend(all.map(|(key, value)| (key.clone(), value.clone())));
+        }
+    }
     let arrays = channels.iter().map(Channel::array).collect();
     let (columns, mut arrays, more) = columns_of_log(KIND, arrays, part)?;
     notes.extend(more);
@@ -135,6 +160,8 @@ struct Reader {
     active: Vec<usize>,
     /// The last index of each object.
     indexes: Vec<Index>,
+    /// Length of a row in each buffer of the cards.
+    card_rows: Vec<u64>,
     pieces: usize,
     notes: Vec<String>,
 }
@@ -149,6 +176,7 @@ impl Reader {
             places: HashMap::new(),
             active: Vec::new(),
             indexes: Vec::new(),
+            card_rows: Vec::new(),
             pieces: 0,
             notes: Vec::new(),
         })
@@ -230,9 +258,14 @@ impl Reader {
             match fields.u32()? {
                 NO_VALUES => has_values = false,
                 SAME_VALUES => {}
-                form if OF_CARD.contains(&form) => {
-                    channel.is_unread = true;
-                    self.indexes[at] = card_index(&mut fields)?;
+                form if form == OF_CARD || OF_LINES.contains(&form) => {
+                    let is_line = form != OF_CARD;
+                    let (index, rows) = card_index(&mut fields, is_line)?;
+                    let why = is_line.then_some("digital lines of a card");
+                    channel.unread = channel.unread.or(why).or(channel.other_kind(index.kind));
+                    channel.is_of_card = true;
+                    channel.kind = index.kind;
+                    (self.indexes[at], self.card_rows) = (index, rows);
                 }
                 _ => {
                     let (kind, _dimension, count) = (fields.u32()?, fields.u32()?, fields.u64()?);
@@ -244,9 +277,9 @@ impl Reader {
                         None => return None,
                         Some(size) => count.checked_mul(size as u64)?,
                     };
-                    channel.is_unread |= channel.kind != 0 && channel.kind != kind;
+                    channel.unread = channel.unread.or(channel.other_kind(kind));
                     channel.kind = kind;
-                    self.indexes[at] = Index { kind, count, bytes };
+                    self.indexes[at] = Index { kind, count, bytes, card: None };
                 }
             }
             if !has_values {
@@ -272,71 +305,140 @@ impl Reader {
         is_little: bool,
     ) -> Result<(), TableError> {
         let indexes: Vec<Index> = self.active.iter().map(|&at| self.indexes[at]).collect();
+        if indexes.iter().any(|index| index.card.is_some()) {
+            return self.add_card_values(start, end, is_little);
+        }
         let total = indexes.iter().fold(0, |all: u64, index| all.saturating_add(index.bytes));
         if total == 0 {
             return Ok(());
         }
         let is_by_row = contents & IS_BY_ROW != 0;
         let row: u64 = indexes.iter().map(|index| size(index.kind).unwrap_or(0) as u64).sum();
+        let active = self.active.clone();
         let mut at = start;
         while at < end {
             let mut offset = at;
-            for (&place, index) in self.active.iter().zip(&indexes) {
+            for (&place, index) in active.iter().zip(&indexes) {
                 let size = size(index.kind).unwrap_or(0) as u64;
                 let (stride, step) = if is_by_row { (row, size) } else { (size, index.bytes) };
-                let room = end.saturating_sub(offset);
-                // The last value of a row ends before the row does.
-                let whole = match size {
-                    0 if room >= index.bytes => index.count,
-                    0 => 0,
-                    _ if room < size => 0,
-                    _ => (room - size) / stride + 1,
-                };
-                let count = index.count.min(whole);
-                let here = offset;
+                let count = whole_values(end.saturating_sub(offset), size, stride, index);
+                self.add_piece(place, is_little, Piece { at: offset, count, stride })?;
                 offset = offset.saturating_add(step);
-                if count == 0 {
-                    continue;
-                }
-                let channel = &mut self.channels[place];
-                channel.is_unread |= channel.count > 0 && channel.is_little != is_little;
-                channel.is_little = is_little;
-                channel.count += count;
-                match channel.pieces.last_mut() {
-                    // Pieces that follow each other without a gap are one.
-                    Some(last)
-                        if size > 0
-                            && last.stride == stride
-                            && last.at + last.count * stride == here =>
-                    {
-                        last.count += count;
-                    }
-                    _ => {
-                        self.pieces += 1;
-                        channel.pieces.push(Piece { at: here, count, stride });
-                    }
-                }
-            }
-            if self.pieces > PIECES {
-                return Err(KIND.unsupported(format!("more than {PIECES} pieces of channels")));
             }
             at = at.saturating_add(total);
         }
         Ok(())
     }
+
+    /// Adds the values of cards between two positions: buffers in turn, each with rows of all channels.
+    fn add_card_values(&mut self, start: u64, end: u64, is_little: bool) -> Result<(), TableError> {
+        let active: Vec<(usize, Index)> =
+            self.active.iter().map(|&at| (at, self.indexes[at])).collect();
+        let rows = self.card_rows.clone();
+        // Each buffer has as many rows as its channel with the most values.
+        let mut counts = vec![0; rows.len()];
+        for (_, index) in &active {
+            let Some((buffer, _)) = index.place_in(&rows) else {
+                for (place, _) in &active {
+                    self.channels[*place].unread.get_or_insert(SEVERAL_SCALERS);
+                }
+                return Ok(());
+            };
+            counts[buffer] = index.count.max(counts[buffer]);
+        }
+        let lengths = rows.iter().zip(&counts).map(|(row, count)| row.saturating_mul(*count));
+        let lengths: Vec<u64> = lengths.collect();
+        let total = lengths.iter().fold(0, |all: u64, length| all.saturating_add(*length));
+        let mut at = start;
+        while at < end && total > 0 {
+            for (place, index) in &active {
+                let Some((buffer, offset)) = index.place_in(&rows) else { continue };
+                let before = lengths[..buffer].iter().fold(0, |a: u64, b| a.saturating_add(*b));
+                let here = at.saturating_add(before).saturating_add(offset);
+                let (size, stride) = (size(index.kind).unwrap_or(0) as u64, rows[buffer]);
+                let count = whole_values(end.saturating_sub(here), size, stride, index);
+                self.add_piece(*place, is_little, Piece { at: here, count, stride })?;
+            }
+            at = at.saturating_add(total);
+        }
+        Ok(())
+    }
+
+    /// Adds a piece to a channel, or to its last piece if that ends where the new one begins.
+    fn add_piece(&mut self, place: usize, is_little: bool, piece: Piece) -> Result<(), TableError> {
+        if piece.count == 0 {
+            return Ok(());
+        }
+        let channel = &mut self.channels[place];
+        if channel.count > 0 && channel.is_little != is_little {
+            channel.unread.get_or_insert("values in two byte orders");
+        }
+        channel.is_little = is_little;
+        channel.count += piece.count;
+        let is_number = size(channel.kind).is_some();
+        match channel.pieces.last_mut() {
+            Some(last)
+                if is_number
+                    && last.stride == piece.stride
+                    && last.at + last.count * last.stride == piece.at =>
+            {
+                last.count += piece.count;
+            }
+            _ => {
+                self.pieces += 1;
+                channel.pieces.push(piece);
+            }
+        }
+        match self.pieces > PIECES {
+            true => Err(KIND.unsupported(format!("more than {PIECES} pieces of channels"))),
+            false => Ok(()),
+        }
+    }
 }
 
-/// Reads the index of a measurement card's channel, which is skipped. A buffer holds the bytes of all
-/// channels.
-fn card_index(fields: &mut Fields<'_>) -> Option<Index> {
+/// Returns the number of whole values in the bytes that are left; texts are there all together or not.
+fn whole_values(room: u64, size: u64, stride: u64, index: &Index) -> u64 {
+    let whole = match size {
+        0 if room >= index.bytes => index.count,
+        0 => 0,
+        _ if room < size => 0,
+        // The last value of a row ends before the row does.
+        _ => (room - size) / stride + 1,
+    };
+    index.count.min(whole)
+}
+
+/// The content of channels whose samples come from several places of a card's rows.
+const SEVERAL_SCALERS: &str = "values of a card that several scalers make";
+
+/// Reads the index of a card's channel, and the lengths of rows in the buffers. Values that are not from exactly
+/// one place of a row have no place.
+fn card_index(fields: &mut Fields<'_>, is_line: bool) -> Option<(Index, Vec<u64>)> {
     let (_kind, _dimension, count) = (fields.u32()?, fields.u32()?, fields.u64()?);
-    for _ in 0..fields.u32()? {
-        fields.take(20)?;
+    let (scalers, mut index) = (fields.u32()?, Index { count, ..Index::default() });
+    for _ in 0..scalers {
+        let (kind, buffer, offset) = (fields.u32()?, fields.u32()?, fields.u32()?);
+        // A bitmap of the sample format, and the number of the scaler.
+        fields.take(if is_line { 5 } else { 8 })?;
+        // Cards number the types in another way: unsigned and signed in turn, then floating-point numbers.
+        let kind = match kind {
+            0..8 if kind % 2 == 0 => 5 + kind / 2,
+            0..8 => 1 + kind / 2,
+            8 | 9 => kind + 1,
+            _ => 0,
+        };
+        if scalers == 1 && kind != 0 {
+            index.kind = kind;
+            // The position of a line is in bits.
+            let offset = if is_line { offset / 8 } else { offset };
+            index.card = Some((buffer as usize, u64::from(offset)));
+        }
     }
+    let mut rows = Vec::new();
     for _ in 0..fields.u32()? {
-        fields.u32()?;
+        rows.push(u64::from(fields.u32()?));
     }
-    Some(Index { kind: 0, count, bytes: 0 })
+    Some((index, rows))
 }
 
 /// Types of values.
@@ -417,6 +519,15 @@ impl<'a> Fields<'a> {
 type Polynomial = Vec<f64>;
 
 impl Channel {
+    /// Returns why values of another type cannot be read, if the channel has values of a type.
+    fn other_kind(&self, kind: u32) -> Option<&'static str> {
+        (self.kind != 0 && self.kind != kind).then_some("values of several types")
+    }
+
+    fn has_scales(&self) -> bool {
+        self.properties.keys().any(|key| key.starts_with("NI_") && key.contains("Scale"))
+    }
+
     fn number(&self, property: &str) -> Option<f64> {
         match self.properties.get(property)? {
             Property::Number(number) => Some(*number),
@@ -434,15 +545,16 @@ impl Channel {
     /// The channel as an array whose values have not been read.
     fn array(&self) -> Array {
         let values = match self.kind {
-            _ if self.is_unread => {
-                ArrayValues::Other("raw values of a measurement card, which LabVIEW exports as CSV")
-            }
+            _ if let Some(why) = self.unread => ArrayValues::Other(why),
             _ if self.count == 0 => ArrayValues::Other("no values"),
             TEXT | TIME => ArrayValues::Unread,
-            kind if element(kind).is_some() && self.scales().is_some() => ArrayValues::Unread,
-            kind if element(kind).is_some() => {
-                ArrayValues::Other("a scale that is not a polynomial")
-            }
+            kind if element(kind).is_some() => match self.scales() {
+                Some(scales) if scales.is_empty() && self.is_of_card => {
+                    ArrayValues::Other("counts of a card without a scale")
+                }
+                Some(_) => ArrayValues::Unread,
+                None => ArrayValues::Other("a scale that is neither linear nor a polynomial"),
+            },
             _ => ArrayValues::Other("no real numbers"),
         };
         let unit = self.text("unit_string").or_else(|| self.text("NI_UnitDescription"));
@@ -457,29 +569,53 @@ impl Channel {
         Some((self.number("wf_start_offset").unwrap_or(0.0), increment))
     }
 
-    /// Returns the scales of the stored values in their order; `None` if one is not a polynomial.
+    /// Returns the scales of the stored values in the order in which they are applied; `None` if one is not a
+    /// polynomial. The last scale counts, and each takes the stored values or what another scale makes.
     fn scales(&self) -> Option<Vec<Polynomial>> {
-        let count = self.number("NI_Number_Of_Scales").unwrap_or(0.0);
-        if count <= 0.0 || self.text("NI_Scaling_Status") != Some("unscaled") {
-            return Some(Vec::new());
+        // A key is `NI_Scale[1]_Scale_Type`.
+        let numbered = self.properties.keys().filter_map(|key| {
+            let number = key.strip_prefix("NI_Scale[")?.split_once("]_Scale_Type")?.0;
+            number.parse::<u32>().ok()?.checked_add(1).map(f64::from)
+        });
+        let count =
+            self.number("NI_Number_Of_Scales").unwrap_or_else(|| numbered.fold(0.0, f64::max));
+        let mut scales = Vec::new();
+        if count < 1.0 || self.text("NI_Scaling_Status") == Some("scaled") {
+            return Some(scales);
         }
-        (0..count.min(16.0) as usize)
-            .map(|at| {
-                let key = |of: &str| format!("NI_Scale[{at}]_{of}");
-                let number = |of: &str| self.number(&key(of));
-                match self.text(&key("Scale_Type"))? {
-                    "Linear" => Some(vec![number("Linear_Y_Intercept")?, number("Linear_Slope")?]),
-                    "Polynomial" => {
-                        let size =
-                            number("Polynomial_Coefficients_Size")?.clamp(0.0, 32.0) as usize;
-                        (0..size)
-                            .map(|of| number(&format!("Polynomial_Coefficients[{of}]")))
-                            .collect()
-                    }
-                    _ => None,
+        let mut at = count - 1.0;
+        // More than a few scales take each other's values in a circle.
+        for _ in 0..16 {
+            let key = |of: &str| format!("NI_Scale[{at}]_{of}");
+            let number = |of: &str| self.number(&key(of));
+            let kind = match self.text(&key("Scale_Type")) {
+                Some(kind) => kind,
+                // The scale of the card itself, which has no properties.
+                None if self.is_of_card => break,
+                None => return None,
+            };
+            scales.push(match kind {
+                "Linear" => vec![number("Linear_Y_Intercept")?, number("Linear_Slope")?],
+                "Polynomial" => {
+                    let size = number("Polynomial_Coefficients_Size").unwrap_or(4.0);
+                    (0..size.clamp(0.0, 32.0) as usize)
+                        .map(|of| number(&format!("Polynomial_Coefficients[{of}]")))
+                        .collect::<Option<_>>()?
                 }
-            })
-            .collect()
+                "AdvancedAPI" => vec![0.0, 1.0],
+                _ => return None,
+            });
+            match number(&format!("{kind}_Input_Source")) {
+                Some(source) if source < count => at = source,
+                // The stored values.
+                _ => {
+                    scales.reverse();
+                    return Some(scales);
+                }
+            }
+        }
+        scales.reverse();
+        Some(scales).filter(|scales| scales.len() < 16)
     }
 
     /// Reads all values.
@@ -515,10 +651,7 @@ impl Channel {
             (element, is_little) = (Some(Element::Double), true);
         } else if let (false, Some(stored)) = (scales.is_empty(), element) {
             let scaled = bytes.chunks_exact(size).map(|value| {
-                let value = stored.cell(value, is_little).number().unwrap_or(f64::NAN);
-                scales.iter().fold(value, |value, scale| {
-                    scale.iter().rev().fold(0.0, |sum, of| sum * value + of)
-                })
+                scaled(stored.cell(value, is_little).number().unwrap_or(f64::NAN), &scales)
             });
             bytes = scaled.flat_map(f64::to_le_bytes).collect();
             (element, is_little) = (Some(Element::Double), true);
@@ -550,6 +683,13 @@ impl Channel {
         }
         Ok(ArrayValues::Texts(Arc::new(texts)))
     }
+}
+
+/// Applies polynomials one after the other.
+fn scaled(value: f64, scales: &[Polynomial]) -> f64 {
+    scales
+        .iter()
+        .fold(value, |value, scale| scale.iter().rev().fold(0.0, |sum, of| sum * value + of))
 }
 
 /// Converts a time to seconds since 1970: fractions of 2⁻⁶⁴ s and seconds since 1904.
@@ -592,5 +732,53 @@ impl RowSource for TdmsTable {
             };
         }
         Arc::new(arrays).rows(wanted)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The fourth value of 0, 1, 2, … as npTDMS 1.13 scales it; `None` for scales that are not read.
+    #[test]
+    fn scales_are_applied_as_nptdms_applies_them() {
+        let linear = |at: usize, slope: f64, intercept: f64, source: Option<f64>| {
+            let number =
+                |of: &str, value| (format!("NI_Scale[{at}]_Linear_{of}"), Property::Number(value));
+            let kind = Property::Text("Linear".to_owned());
+            let mut all = vec![(format!("NI_Scale[{at}]_Scale_Type"), kind)];
+            all.extend([number("Slope", slope), number("Y_Intercept", intercept)]);
+            all.extend(source.map(|source| number("Input_Source", source)));
+            all
+        };
+        let count = |count| ("NI_Number_Of_Scales".to_owned(), Property::Number(count));
+        let status = |text: &str| ("NI_Scaling_Status".to_owned(), Property::Text(text.to_owned()));
+        let raw = f64::from(u32::MAX);
+        let one = linear(0, 2.0, 1.0, None);
+        let mut table = vec![count(1.0)];
+        table.push(("NI_Scale[0]_Scale_Type".to_owned(), Property::Text("Table".to_owned())));
+        for (name, properties, expected) in [
+            ("no scale", vec![], Some(3.0)),
+            ("no status", [one.clone(), vec![count(1.0)]].concat(), Some(7.0)),
+            ("no count", one.clone(), Some(7.0)),
+            ("scaled", [one.clone(), vec![count(1.0), status("scaled")]].concat(), Some(3.0)),
+            (
+                "the first feeds the second",
+                [one.clone(), linear(1, 10.0, 0.5, Some(0.0)), vec![count(2.0)]].concat(),
+                Some(70.5),
+            ),
+            (
+                "the second takes the stored values",
+                [one.clone(), linear(1, 10.0, 0.5, Some(raw)), vec![count(2.0)]].concat(),
+                Some(30.5),
+            ),
+            ("a table", table, None),
+            ("in a circle", [linear(0, 1.0, 0.0, Some(0.0)), vec![count(1.0)]].concat(), None),
+        ] {
+            let channel =
+                Channel { properties: properties.into_iter().collect(), ..Channel::default() };
+            let found = channel.scales().map(|scales| scaled(3.0, &scales));
+            assert_eq!(found, expected, "{name}");
+        }
     }
 }

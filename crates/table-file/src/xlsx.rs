@@ -8,21 +8,17 @@ use std::io::Read;
 use std::sync::Arc;
 
 use crate::budget;
-use crate::format::{
-    Cell, FileSource, FoundTable, RowSource, RowStream, WantedColumn, columns_of_cells,
-};
+use crate::format::{Cell, FileSource, FoundTable};
 use crate::kind::{FileKind, TableError};
-use crate::xml::{Xml, XmlTag};
+use crate::sheet::{LAST_ROW, NumberedRows, Sheet, choose};
+use crate::xml::{LONGEST, Xml, XmlTag};
 use crate::zip::{ZipEntry, entries};
 
 const KIND: FileKind = FileKind::Xlsx;
 
-/// The largest number of rows in a sheet.
-const LAST_ROW: u64 = 1 << 20;
-
 /// A sheet of a workbook.
 #[derive(Debug)]
-struct Sheet {
+struct XlsxSheet {
     file: FileSource,
     entry: ZipEntry,
     /// The shared strings that cells refer to.
@@ -40,7 +36,7 @@ fn each(
     mut take: impl FnMut(XmlTag) -> Result<(), TableError>,
 ) -> Result<(), TableError> {
     let wrong = |what: String| KIND.damaged(format!("`{}`: {what}", entry.name));
-    let mut xml = Xml::new(entry.open(file)?);
+    let mut xml = Xml::new(entry.open(KIND, file)?);
     while let Some(tag) = xml.next().map_err(wrong)? {
         take(tag)?;
     }
@@ -48,7 +44,7 @@ fn each(
 }
 
 pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<FoundTable, TableError> {
-    let files = entries(file)?;
+    let files = entries(KIND, file)?;
     let find = |name: &str| {
         let name = name.trim_start_matches('/');
         files.iter().find(|file| file.name.eq_ignore_ascii_case(name))
@@ -79,33 +75,16 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<FoundTable, 
     let styles = find("xl/styles.xml").map(|styles| time_styles(file, styles)).transpose()?;
     let texts: Arc<[String]> = texts.unwrap_or_default().into();
     let styles = styles.unwrap_or_default();
-    let sheet = |id: &str| {
-        let target = targets.get(id);
-        let target = target.ok_or_else(|| KIND.damaged(format!("its sheet `{id}` is nowhere")))?;
+    let sheet = |at: usize| {
+        let target = targets.get(&sheets[at].1);
+        let nowhere = || KIND.damaged(format!("its sheet `{}` is nowhere", sheets[at].1));
+        let target = target.ok_or_else(nowhere)?;
         let path = if target.starts_with('/') { target.clone() } else { format!("xl/{target}") };
         let entry = find(&path).ok_or_else(|| KIND.damaged(format!("it has no `{path}`")))?.clone();
         let (file, texts, styles) = (file.clone(), Arc::clone(&texts), styles.clone());
-        Ok::<_, TableError>(Sheet { file, entry, texts, styles, since_1904 })
+        Ok(XlsxSheet { file, entry, texts, styles, since_1904 })
     };
-    let all = || sheets.iter().map(|(name, _)| name.clone()).collect();
-    let mut chosen = None;
-    for (name, id) in sheets.iter().filter(|(name, _)| part.is_none_or(|part| name == part)) {
-        let found = sheet(id)?;
-        // A sheet without a table is chosen only if it is the only sheet.
-        if part.is_some() || sheets.len() == 1 || found.has_table()? {
-            chosen = Some((name, found));
-            break;
-        }
-    }
-    let Some((name, found)) = chosen else { return Err(KIND.choice("sheet", part, all())) };
-    let mut found = FoundTable::new(None, found);
-    if sheets.len() > 1 && part.is_none() {
-        let others: Vec<String> = all();
-        let others: Vec<&String> = others.iter().filter(|other| *other != name).collect();
-        found.notes.push(format!("read from sheet `{name}`; the others are {others:?}"));
-    }
-    // Names are in a row, or absent.
-    Ok(found)
+    choose(KIND, sheets.iter().map(|(name, _)| name.clone()).collect(), part, sheet)
 }
 
 fn shared_texts(file: &FileSource, entry: &ZipEntry) -> Result<Vec<String>, TableError> {
@@ -203,59 +182,19 @@ fn time_style(code: &str) -> Option<TimeStyle> {
     }
 }
 
-/// Number of rows that are searched for a table.
-const LOOKED_AT: usize = 100;
-
-impl Sheet {
-    /// Returns true if one of the first rows has several filled cells.
-    fn has_table(&self) -> Result<bool, TableError> {
-        let mut xml = Xml::new(self.entry.open(&self.file)?);
+impl Sheet for XlsxSheet {
+    fn numbered(self: Arc<Self>) -> Result<NumberedRows, TableError> {
+        let mut xml = Xml::new(self.entry.open(KIND, &self.file)?);
         let mut before = 0;
-        for _ in 0..LOOKED_AT {
-            let Some((row, cells)) = self.next_row(&mut xml, before)? else { return Ok(false) };
-            if cells.iter().filter(|cell| **cell != Cell::Missing).count() > 1 {
-                return Ok(true);
-            }
-            before = row;
-        }
-        Ok(false)
+        Ok(Box::new(move || {
+            let next = self.next_row(&mut xml, before)?;
+            before = next.as_ref().map_or(before, |(row, _)| *row);
+            Ok(next)
+        }))
     }
 }
 
-impl RowSource for Sheet {
-    fn columns(&self) -> usize {
-        0
-    }
-
-    fn rows(self: Arc<Self>, wanted: Vec<WantedColumn>) -> Result<RowStream, TableError> {
-        let mut xml = Xml::new(self.entry.open(&self.file)?);
-        // The number of the last row returned, and a row further down that waits for its turn.
-        let (mut given, mut waiting) = (0, None);
-        let next = move || {
-            let next = match waiting.take() {
-                None => self.next_row(&mut xml, given)?,
-                waiting => waiting,
-            };
-            let Some((row, cells)) = next else { return Ok(None) };
-            given += 1;
-            if row > given {
-                // A row that is not in the file is blank.
-                waiting = Some((row, cells));
-                return Ok(Some(Vec::new()));
-            }
-            Ok(Some(cells))
-        };
-        Ok(columns_of_cells(Box::new(next), wanted, is_blank))
-    }
-}
-
-/// Returns true if a row is empty or a remark.
-fn is_blank(row: &[Cell]) -> bool {
-    let first = row.iter().find(|cell| **cell != Cell::Missing);
-    first.is_none_or(|cell| matches!(cell, Cell::Text(text) if text.starts_with(['#'])))
-}
-
-impl Sheet {
+impl XlsxSheet {
     /// Reads the next row in the file after the row number `before`, and its number.
     fn next_row(
         &self,
@@ -284,6 +223,9 @@ impl Sheet {
                 "v" | "t" if !tag.is_start => {
                     if let Some(cell) = &mut cell {
                         cell.text.push_str(&tag.text);
+                        if cell.text.len() > LONGEST {
+                            return Err(wrong(format!("a cell of row {number} is too long")));
+                        }
                     }
                 }
                 _ => {}
@@ -338,7 +280,7 @@ impl OpenCell {
         })
     }
 
-    fn value(self, sheet: &Sheet) -> Result<Cell, String> {
+    fn value(self, sheet: &XlsxSheet) -> Result<Cell, String> {
         let number =
             || self.text.trim().parse::<f64>().map_err(|_| format!("no number: `{}`", self.text));
         Ok(match self.kind.as_str() {

@@ -23,7 +23,7 @@ pub(crate) struct Xml<R> {
 }
 
 /// The longest text or tag, in bytes.
-const LONGEST: usize = 1 << 20;
+pub(crate) const LONGEST: usize = 1 << 20;
 
 impl<R: Read> Xml<R> {
     pub(crate) fn new(stream: R) -> Self {

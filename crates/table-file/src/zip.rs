@@ -9,8 +9,6 @@ use crate::bytes::ByteReader;
 use crate::format::FileSource;
 use crate::kind::{FileKind, TableError};
 
-const KIND: FileKind = FileKind::Xlsx;
-
 /// A file in an archive.
 #[derive(Clone, Debug)]
 pub(crate) struct ZipEntry {
@@ -27,22 +25,22 @@ pub(crate) struct ZipEntry {
 const END: u64 = 22 + 0xffff;
 
 /// Returns the files of an archive.
-pub(crate) fn entries(file: &FileSource) -> Result<Vec<ZipEntry>, TableError> {
+pub(crate) fn entries(kind: FileKind, file: &FileSource) -> Result<Vec<ZipEntry>, TableError> {
     let (mut file, length) = (file.open()?, file.length()?);
     let start = length.saturating_sub(END);
     file.seek(SeekFrom::Start(start))?;
     let mut end = Vec::new();
     (&mut file).take(END).read_to_end(&mut end)?;
-    let cut = || KIND.damaged("it is cut off: the directory of the archive is missing");
+    let cut = || kind.damaged("it is cut off: the directory of the archive is missing");
     let at = end.windows(4).rposition(|window| window == b"PK\x05\x06").ok_or_else(cut)?;
     let record = end[at + 4..].first_chunk::<18>().ok_or_else(cut)?;
     let mut record = ByteReader::new(&record[8..]);
     let (size, offset) = record.u32().zip(record.u32()).ok_or_else(cut)?;
     let (size, offset) = (u64::from(size), u64::from(offset));
     if offset == u64::from(u32::MAX) {
-        return Err(KIND.unsupported("it is larger than 4 GB"));
+        return Err(kind.unsupported("it is larger than 4 GB"));
     }
-    let bytes = budget::within(KIND, "the directory of the archive", size, budget::DESCRIPTION)?;
+    let bytes = budget::within(kind, "the directory of the archive", size, budget::DESCRIPTION)?;
     if offset.checked_add(size).is_none_or(|end| end > length) {
         return Err(cut());
     }
@@ -52,7 +50,7 @@ pub(crate) fn entries(file: &FileSource) -> Result<Vec<ZipEntry>, TableError> {
     let mut entries = Vec::new();
     let mut rest = ByteReader::new(&directory);
     while !rest.rest.is_empty() {
-        entries.push(entry(&mut rest).ok_or_else(|| KIND.damaged("the directory of the archive"))?);
+        entries.push(entry(&mut rest).ok_or_else(|| kind.damaged("the directory of the archive"))?);
     }
     Ok(entries)
 }
@@ -96,10 +94,14 @@ fn in_64_bits(extra: &[u8], size: u32, packed: u32, start: u32) -> Option<(u64, 
 
 impl ZipEntry {
     /// Opens the content as a stream, which may have any length.
-    pub(crate) fn open(&self, archive: &FileSource) -> Result<Box<dyn Read + Send>, TableError> {
-        let wrong = || KIND.damaged(format!("`{}` in the archive", self.name));
+    pub(crate) fn open(
+        &self,
+        kind: FileKind,
+        archive: &FileSource,
+    ) -> Result<Box<dyn Read + Send>, TableError> {
+        let wrong = || kind.damaged(format!("`{}` in the archive", self.name));
         if self.is_encrypted {
-            return Err(KIND.unsupported("it is encrypted"));
+            return Err(kind.unsupported("it is encrypted"));
         }
         let (mut file, length) = (archive.open()?, archive.length()?);
         let mut header = [0; 30];
@@ -119,7 +121,7 @@ impl ZipEntry {
             8 => Ok(Box::new(DeflateDecoder::new(packed))),
             method => {
                 let what = format!("`{}` is compressed by method {method}", self.name);
-                Err(KIND.unsupported(what))
+                Err(kind.unsupported(what))
             }
         }
     }

@@ -59,12 +59,24 @@ fn cases() -> Vec<HintCase> {
             // `ros2 topic echo --csv`: seconds, nanoseconds, frame, wrench.
             file: (
                 "echo.csv",
-                rows("", |at| format!("{},0,ft,{}", 1_700_000_000 + at, six(at, ","))),
+                rows("", |at| format!("1700000000,{},ft,{}", 10_000_000 * at, six(at, ","))),
             ),
             command: "info echo.csv",
             hint: "`--time 1 --wrench 4-9`",
             followed: "--time 1 --wrench 4-9",
-            right: &["rows      40", "1.00 Hz", "Fx (N)", "Mz (N·m)"],
+            right: &["rows      40", "100.00 Hz", "Fx (N)", "Mz (N·m)", "nanoseconds in column 2"],
+        },
+        HintCase {
+            file: (
+                "titled.csv",
+                rows("rig 7, session 3\nby hand\n", |at| {
+                    format!("{:.2},{},7,{}", at as f64 / 50.0, 1500 + at, 9 - at as i32)
+                }),
+            ),
+            command: "info titled.csv",
+            hint: "`--time 1 --sensors 2-4`",
+            followed: "--time 1 --sensors 2-4",
+            right: &["rows      40", "50.00 Hz", "sensor 3", "data from line 3"],
         },
         HintCase {
             // Two force plates in one export from Vicon.

@@ -93,6 +93,37 @@ fn write_files(dir: &Path) {
                 format!("{{\"t_s\":{time},\"s1\":{},\"s2\":7,\"fx_n\":{}}}", 1500 + at, load(at))
             }),
         ),
+        (
+            "ros2.csv",
+            table("", &|at| format!("1700000000,{},ft_link,{}", 20_000_000 * at, six(at, ","))),
+        ),
+        (
+            "plotjuggler.csv",
+            table(
+                "__time,/ft/wrench/force/x,/ft/wrench/force/y,/ft/wrench/force/z,/ft/wrench/torque/x,\
+                 /ft/wrench/torque/y,/ft/wrench/torque/z\n",
+                &|at| format!("{:.2},{}", 1.7e9 + at as f64 / 50.0, six(at, ",")),
+            ),
+        ),
+        (
+            "untitled.csv",
+            table("rig 7, session 3\nby hand\n", &|at| {
+                format!("{:.2},{}", at as f64 / 50.0, eight(at, ","))
+            }),
+        ),
+        (
+            "index.csv",
+            table(&format!(",{channels}\n"), &|at| {
+                format!("2026-03-01 14:24:42.{:03}000+00:00,{}", 20 * at, eight(at, ","))
+            }),
+        ),
+        (
+            "r.txt",
+            table("\"t\" \"Fx\" \"Fy\" \"Fz\" \"Mx\" \"My\" \"Mz\"\n", &|at| {
+                format!("\"{}\" {:.2} {}", at + 1, at as f64 / 50.0, six(at, " "))
+            }),
+        ),
+        ("scale.txt", table("Tare done\n", &|at| format!("{:.3} kg", load(at)))),
         ("plotter.txt", table("", &|at| format!("A:{} B:{}", 1500 + at, 1600 - at))),
         (
             "monitor.txt",
@@ -221,6 +252,8 @@ fn write_files(dir: &Path) {
     let seeds = Path::new(env!("CARGO_MANIFEST_DIR")).join("../crates/log-file/fuzz/seeds");
     for (seed, name) in [
         ("tdms/waveform.tdms", "run.tdms"),
+        ("tdms/cards.tdms", "cards.tdms"),
+        ("ods/libreoffice.ods", "run.ods"),
         ("rosbag/lz4.bag", "run.bag"),
         ("sqlite/bag.db3", "run.db3"),
     ] {
@@ -299,6 +332,20 @@ fn decisions_about_the_head_are_reported() {
         ),
         ("info run.lvm", &["LabVIEW measurement file", "names from line 9", "100.00 Hz"]),
         ("info stream.jsonl", &["JSON lines", "names from the keys of each line"]),
+        (
+            "info ros2.csv --time 1 --wrench 4-9",
+            &["50.00 Hz", "seconds in column 1, nanoseconds in column 2", "Mz (N·m)"],
+        ),
+        ("info plotjuggler.csv", &["50.00 Hz", "Fx (N)", "Mz (N·m)"]),
+        ("info untitled.csv --time 1 --sensors 2-9", &["50.00 Hz", "sensor 8", "data from line 3"]),
+        ("info index.csv", &["50.00 Hz", "1772375082.000000 s"]),
+        ("info r.txt", &["50.00 Hz", "Mz (N·m)"]),
+        ("info scale.txt --wrench fz=1", &["Fz (N, from kgf)"]),
+        (
+            "info run.ods",
+            &["OpenDocument spreadsheet", "read from sheet `run`", "rows      24", "100.00 Hz"],
+        ),
+        ("info cards.tdms", &["rows      24", "100.00 Hz", "sensor 8"]),
         ("info run.tdms", &["TDMS file", "rows      24", "100.00 Hz", "Mx (N·m)"]),
         ("info run.db3", &["rows      24", "sensor 8", "Mx (N·m)"]),
         ("info unnamed.csv --unit force=kN", &["Fx (N, from kN)", "taken as N·m: Mx, My, Mz"]),

@@ -77,6 +77,7 @@ fn fits_of_the_same_recording_have_the_same_coefficients() {
         "hdf5/matlab73.mat",
         "numpy/matrix.npy",
         "xlsx/workbook.xlsx",
+        "ods/pandas.ods",
         "mcap/zstd.mcap",
     ] {
         assert_eq!(coefficients(&seeds().join(name)), expected, "{name}");
@@ -199,7 +200,8 @@ fn ends_of_variables(bytes: &[u8]) -> Vec<usize> {
 #[test]
 fn files_cut_anywhere_are_errors_that_name_them() {
     let dir = tempfile::tempdir().unwrap();
-    for folder in ["parquet", "matlab", "hdf5", "numpy", "xlsx", "mcap", "rosbag", "sqlite", "tdms"]
+    for folder in
+        ["parquet", "matlab", "hdf5", "numpy", "ods", "xlsx", "mcap", "rosbag", "sqlite", "tdms"]
     {
         for entry in std::fs::read_dir(seeds().join(folder)).unwrap() {
             let path = entry.unwrap().path();
@@ -310,6 +312,8 @@ fn faults_are_named_by_row_and_column() {
         ("a.csv", &b"CDF\x01"[..], "is a netCDF-3 file"),
         ("a.json", b"[\n {\"t\": 1}]", "is a list in JSON"),
         ("a.txt", b"header:\n  stamp:\n", "is YAML of messages as ROS prints them"),
+        ("a.log", b"(1700000000.012345) can0 123#00FF\n", "is a log of a CAN bus (candump)"),
+        ("a.xml", b"<?xml version=\"1.0\"?>", "is an XML document"),
         ("a.pickle", b"\x80\x04\x95\0", "is a Python pickle"),
         ("a.csv.xz", b"\xfd7zXZ\0\0", "is compressed with xz"),
     ] {

@@ -57,10 +57,26 @@ impl ClockFields {
     /// # Errors
     /// The median step from row to row, if two units are possible.
     pub(super) fn unit(&self) -> Result<Option<TimeUnit>, f64> {
+        if let Some(step) = self.step_in_days() {
+            return Err(step);
+        }
         match self.first().and_then(epoch_unit) {
             None => self.median_step().map(unit_by_step).transpose(),
             epoch => Ok(epoch),
         }
+    }
+
+    /// Returns the median step of times that are rather days since 1900 (Excel) or since year 0 (MATLAB's `datenum`)
+    /// in this century: their steps in seconds would be below 20 µs.
+    fn step_in_days(&self) -> Option<f64> {
+        let times: Vec<f64> =
+            self.0.iter().take(CLOCK_ROWS).filter_map(|field| parse_field(field).ok()).collect();
+        let first = *times.first()?;
+        let is_day =
+            (36_526.0..73_051.0).contains(&first) || (730_486.0..767_011.0).contains(&first);
+        let mut steps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        steps.retain(|step| *step > 0.0);
+        upper_median(&mut steps).filter(|step| is_day && *step < 2e-5)
     }
 
     /// Returns the median step from row to row of times that are increasing integers.

@@ -1,6 +1,7 @@
 //! The meanings of a log's columns, from their names and the user's mapping.
 
 use super::column_name::{ColumnRef, plain};
+use super::head::{JOINED, are_nanoseconds};
 use super::mapping::{LogFormat, Mapping, TimeUnit};
 use super::meaning::{
     GROUPS, Meaning, StatedUnit, default_time_unit, meaning_of, numbered, split_unit, unit_in_name,
@@ -102,6 +103,7 @@ pub(crate) fn recognise(
         names.iter().map(|name| meaning_of(name, format)).collect();
     let mut meanings: Vec<Meaning> = named.iter().map(|(meaning, _)| *meaning).collect();
     recognise_other_readings(&names, &mut meanings);
+    recognise_other_wrench(&names, &mut meanings);
     recognise_other_times(&names, &mut meanings);
     prefer_usual_names(&names, &mut meanings);
     let group = apply_mapping(&names, format, mapping, &mut meanings)?;
@@ -411,8 +413,35 @@ fn recognise_other_readings(names: &[String], meanings: &mut [Meaning]) {
     }
 }
 
+/// Recognises a wrench by longer names, if no column has a usual one: `/ft/wrench/force/x`, as PlotJuggler writes
+/// topics, and `Fx1` to `Mz1` of the only force plate. Every axis must be there once, or the user has to choose.
+fn recognise_other_wrench(names: &[String], meanings: &mut [Meaning]) {
+    let axis_of = |name: &str| match meaning_of(name, LogFormat::Csv).0 {
+        Meaning::Load(axis, _) => Some(axis),
+        _ => None,
+    };
+    if meanings.iter().any(|meaning| matches!(meaning, Meaning::Load(..))) {
+        return;
+    }
+    let in_path = |name: &str| axis_of(&name[name.rfind("wrench")?..]);
+    let of_plate = |name: &str| {
+        let base = name.split(['(', '[']).next().unwrap_or_default().trim_end();
+        axis_of(base.strip_suffix('1')?)
+    };
+    let ways: [&dyn Fn(&str) -> Option<Axis>; 2] = [&in_path, &of_plate];
+    for way in ways {
+        let found = names.iter().enumerate().filter_map(|(at, name)| Some((way(name)?, at)));
+        let found: Vec<(Axis, usize)> =
+            found.filter(|(_, at)| meanings[*at] == Meaning::Other).collect();
+        if found.len() == 6 && Axis::ALL.iter().all(|axis| found.iter().any(|(of, _)| of == axis)) {
+            found.iter().for_each(|&(axis, at)| meanings[at] = Meaning::Load(axis, Scale::ONE));
+            return;
+        }
+    }
+}
+
 /// Other names of a clock, in order of preference: used if no column has a usual name.
-const OTHER_TIMES: [&str; 25] = [
+const OTHER_TIMES: [&str; 28] = [
     "elapsedtime",
     "timeelapsed",
     "xvalue",
@@ -438,6 +467,9 @@ const OTHER_TIMES: [&str; 25] = [
     "datum",
     "date",
     "ts",
+    "sec",
+    "secs",
+    "seconds",
 ];
 
 /// Recognises the time by another name.
@@ -447,9 +479,12 @@ fn recognise_other_times(names: &[String], meanings: &mut [Meaning]) {
     }
     let rank = |at: &usize| {
         let name = plain(names[*at].split(['(', '[']).next().unwrap_or_default());
-        OTHER_TIMES.iter().position(|other| *other == name)
+        let is_joined = names.get(*at + 1).is_some_and(|next| next.ends_with(JOINED));
+        if is_joined { Some(0) } else { OTHER_TIMES.iter().position(|other| *other == name) }
     };
-    let free = (0..names.len()).filter(|&at| meanings[at] == Meaning::Other);
+    // Seconds without their nanoseconds would stand still.
+    let is_part = |at: usize| names.get(at + 1).is_some_and(|next| are_nanoseconds(next));
+    let free = (0..names.len()).filter(|&at| meanings[at] == Meaning::Other && !is_part(at));
     let found = free.filter(|at| rank(at).is_some()).min_by_key(rank);
     found.into_iter().for_each(|at| meanings[at] = Meaning::Time(Scale::ONE));
 }

@@ -5,13 +5,16 @@
 //! `//`; a line of units may follow. Lines above the names may contain keys and values
 //! ([`keys`](super::keys)).
 
+use super::clock::is_since_1970;
 use super::keys::Keys;
-use super::lines::{LayoutLine, all_lines, fields, texts};
+use super::lines::{LayoutLine, all_lines, fields, lines as rows_of, texts};
 use super::mapping::{LogFormat, Mapping};
-use super::meaning::{Meaning, meaning_of};
+use super::meaning::{Meaning, meaning_of, plain};
 use crate::error::FieldProblem;
 use crate::parse::date::is_date;
-use crate::parse::form::{RowBody, RowForm, behind_arrow, labelled, object, without_brackets};
+use crate::parse::form::{
+    RowBody, RowForm, behind_arrow, blank_fields, labelled, object, without_brackets,
+};
 use crate::parse::number::{parse_field, with_points};
 use shell_data::unit::Unit;
 
@@ -77,11 +80,11 @@ pub(crate) fn find(
     let of_fields = || match has_brackets {
         true => {
             let bare: Vec<&[u8]> = bare.iter().map(String::as_bytes).collect();
-            let mut found = of_fields(&lines, &bare, declared, mapping)?;
+            let mut found = of_fields(&lines, &bare, declared, comma.is_some(), mapping)?;
             found.form.has_brackets = true;
             Some(found)
         }
-        false => of_fields(&lines, &texts, declared, mapping),
+        false => of_fields(&lines, &texts, declared, comma.is_some(), mapping),
     };
     let mut found = of_labview(&lines)
         .or_else(|| of_objects(&lines, &texts))
@@ -137,7 +140,8 @@ fn of_labview(lines: &[LayoutLine<'_>]) -> Option<Head> {
     let separator = if lines[..end].iter().any(is_comma) { b',' } else { b'\t' };
     let fields = |line: &LayoutLine<'_>| to_names(&split(line.text, separator));
     let mut names = (names.number, fields(names));
-    let columns = split(first.text, separator).len().max(names.1.len());
+    // Rows have a field for the comment only if there is one.
+    let columns = split(first.text, separator).len();
     names.1.resize(columns, String::new());
     let units = lines[..end].iter().find(|line| line.text.starts_with(b"Y_Unit_Label"));
     let units = units.map(|line| {
@@ -223,14 +227,21 @@ impl Shape {
     }
 }
 
-/// Recognises lines of separated values below other lines.
+/// Recognises lines of separated values below other lines. A line of a sheet ends with its last cell, which may
+/// be beside the table.
 fn of_fields(
     lines: &[LayoutLine<'_>],
     texts: &[&[u8]],
     declared: Option<u8>,
+    is_sheet: bool,
     mapping: &Mapping,
 ) -> Option<Head> {
-    let shapes: Vec<Shape> = texts.iter().map(|text| Shape::new(text, declared)).collect();
+    let mut shapes: Vec<Shape> = texts.iter().map(|text| Shape::new(text, declared)).collect();
+    if is_sheet {
+        let rows = shapes.iter().filter(|shape| shape.is_row);
+        let width = rows.map(|shape| shape.numbers.len()).max().unwrap_or(0);
+        shapes.iter_mut().for_each(|shape| shape.numbers.resize(width, false));
+    }
     let is_row = |at: usize| shapes[at].is_row && uncommented(texts[at]).is_none();
     let first = match mapping.header_line {
         Some(number) => {
@@ -245,14 +256,23 @@ fn of_fields(
     // Some boards write a separator behind the last value.
     let ends_empty =
         split(texts[first], separator).last().is_some_and(|it| it.trim_ascii().is_empty());
+    let has_row_names = has_row_names(&texts[first..], separator);
     let of_names = |at: usize| {
         let text = uncommented(texts[at]).unwrap_or(texts[at]);
-        let names = split(text, separator);
-        let named = names.iter().filter(|name| !name.trim_ascii().is_empty()).count();
-        let is_text = !names.iter().any(|name| is_numeric(name, separator));
-        let mut names = to_names(&names);
-        names.extend((names.len() + 1 == columns && ends_empty).then(String::new));
-        (names.len() == columns && 2 * named >= columns && is_text).then_some((at, names))
+        name_fields(text, separator).into_iter().find_map(|names| {
+            let named = names.iter().filter(|name| !name.trim_ascii().is_empty()).count();
+            let is_text = !names.iter().any(|name| is_numeric(name, separator));
+            let mut names = to_names(&names);
+            if names.len() + 1 == columns && ends_empty {
+                names.push(String::new());
+            } else if names.len() + 1 == columns && has_row_names {
+                names.insert(0, String::new());
+            }
+            let is_beside = is_sheet && names.len() < columns;
+            let is_table = is_beside && named > 1 && (roles(&names) > 0 || are_units(&names));
+            let is_whole = names.len() == columns && 2 * named >= columns;
+            ((is_whole || is_table) && is_text).then_some((at, names))
+        })
     };
     let candidates: Vec<(usize, Vec<String>)> = match mapping.header_line {
         Some(number) => {
@@ -282,7 +302,7 @@ fn of_fields(
         units: units.map(|(at, units)| (number(*at), units.clone())),
         rows_start: lines[first].start,
         rows_line: number(first),
-        columns,
+        columns: names.map_or(columns, |(_, names)| names.len()),
         keys: Keys::new(
             lines[..keys_end]
                 .iter()
@@ -317,6 +337,50 @@ fn first_row(shapes: &[Shape], is_row: impl Fn(usize) -> bool) -> Option<usize> 
     })
 }
 
+/// Endings of the names of whole seconds, and of the nanoseconds in the column behind them.
+const SECONDS: [&str; 3] = ["sec", "secs", "seconds"];
+const NANOSECONDS: [&str; 5] = ["nsec", "nsecs", "nanosec", "nanosecs", "nanoseconds"];
+
+/// The end of the name of nanoseconds that are part of the seconds before them.
+pub(super) const JOINED: &str = " (joined)";
+
+/// Returns true if a name is that of nanoseconds, which belong to the seconds in the column before.
+pub(super) fn are_nanoseconds(name: &str) -> bool {
+    let name = plain(name);
+    NANOSECONDS.iter().any(|ending| name.ends_with(ending))
+}
+
+/// Finds a time of ROS in two columns, seconds and nanoseconds: by their names; without names, seconds since 1970
+/// with a text in the column behind them, the name of a frame. Returns the position of the seconds.
+pub(super) fn stamp_at(rows: &[u8], separator: u8, names: Option<&[String]>) -> Option<usize> {
+    let rows: Vec<Vec<Vec<u8>>> =
+        rows_of(rows, 0, 1).take(3).map(|line| fields(line.text, separator)).collect();
+    let is_whole = |field: &[u8]| {
+        let digits = field.trim_ascii();
+        (1..=10).contains(&digits.len()) && digits.iter().all(u8::is_ascii_digit)
+    };
+    let is_time = |row: &Vec<Vec<u8>>, at: usize| {
+        let nanoseconds = parse_field(&row[at + 1]).is_ok_and(|number| number < 1e9);
+        let is_before_text = || row.get(at + 2).is_some_and(|text| !is_numeric(text, separator));
+        let is_echo = || is_since_1970(&row[at]) && is_before_text();
+        is_whole(&row[at])
+            && is_whole(&row[at + 1])
+            && nanoseconds
+            && (names.is_some() || is_echo())
+    };
+    let is_named = |at: usize| match names {
+        Some(names) => {
+            let seconds = names.get(at).map(|name| plain(name)).unwrap_or_default();
+            let ends = SECONDS.iter().any(|ending| seconds.ends_with(ending));
+            ends && names.get(at + 1).is_some_and(|name| are_nanoseconds(name))
+        }
+        None => true,
+    };
+    let columns = rows.iter().map(Vec::len).min()?;
+    (0..columns.saturating_sub(1))
+        .find(|&at| is_named(at) && rows.iter().all(|row| is_time(row, at)))
+}
+
 /// Counts the columns that have a meaning.
 pub(super) fn roles(names: &[String]) -> usize {
     names.iter().filter(|name| meaning_of(name, LogFormat::Csv).0 != Meaning::Other).count()
@@ -348,6 +412,52 @@ fn uncommented(text: &[u8]) -> Option<&[u8]> {
     Some(rest.strip_prefix(b" ").unwrap_or(rest))
 }
 
+/// Returns the ways to split a line of names: as the rows are, and if these have blanks between their columns,
+/// at other separators, at two or more blanks, or so that brackets stay with the name before them.
+fn name_fields(text: &[u8], separator: u8) -> Vec<Vec<Vec<u8>>> {
+    let mut ways = vec![split(text, separator)];
+    if separator != BLANK {
+        return ways;
+    }
+    ways.push(fields(text, line_separator(text)));
+    let mut joined: Vec<Vec<u8>> = Vec::new();
+    for part in &ways[0] {
+        match joined.last_mut() {
+            Some(name) if part.starts_with(b"(") || part.starts_with(b"[") => {
+                name.push(b' ');
+                name.extend_from_slice(part);
+            }
+            _ => joined.push(part.clone()),
+        }
+    }
+    ways.push(joined);
+    if let Ok(text) = str::from_utf8(text) {
+        let wide = text.replace('\t', "  ");
+        let wide = wide.split("  ").map(str::trim).filter(|part| !part.is_empty());
+        ways.push(wide.map(|part| part.as_bytes().to_vec()).collect());
+    }
+    ways
+}
+
+/// Returns true if the first column has the names of rows, as R writes them, without a name for the column: numbers
+/// from one, or texts in quotes before numbers without quotes.
+fn has_row_names(rows: &[&[u8]], separator: u8) -> bool {
+    let is_name = |(number, row): (usize, &&[u8])| {
+        let bare = row.trim_ascii_start();
+        match bare.strip_prefix(b"\"") {
+            Some(quoted) => {
+                let end = quoted.iter().position(|&byte| byte == b'"').unwrap_or(0);
+                quoted.get(end + 2).is_some_and(|&byte| byte != b'"')
+            }
+            None => {
+                let first = split(bare, separator).into_iter().next().unwrap_or_default();
+                separator == BLANK && first == number.to_string().as_bytes()
+            }
+        }
+    };
+    rows.len() > 2 && (1..).zip(rows.iter().take(3)).all(is_name)
+}
+
 fn to_names(fields: &[Vec<u8>]) -> Vec<String> {
     texts(fields)
 }
@@ -355,6 +465,10 @@ fn to_names(fields: &[Vec<u8>]) -> Vec<String> {
 /// Splits a line into fields.
 fn split(text: &[u8], separator: u8) -> Vec<Vec<u8>> {
     match separator {
+        BLANK if text.contains(&b'"') => {
+            let text = String::from_utf8_lossy(text);
+            blank_fields(&text).map(|part| part.replace('"', "").into_bytes()).collect()
+        }
         BLANK => {
             let parts = text.split(u8::is_ascii_whitespace).filter(|part| !part.is_empty());
             parts.map(|part| part.trim_ascii().to_vec()).collect()

@@ -75,7 +75,10 @@ impl Keys {
         let unit = if unit.is_empty() { behind } else { unit };
         let unit = unit.trim_matches([' ', ')', ']']);
         let figure = figure.replace(',', ".").parse::<f64>().ok();
-        if RATES.iter().any(|rate| key.ends_with(rate)) || ["rate", "fs"].contains(&key) {
+        // `FS: 100 100 200` are ranges.
+        let is_alone = !behind.contains(|c: char| c.is_ascii_digit());
+        let is_short = ["rate", "fs"].contains(&key) && is_alone;
+        if RATES.iter().any(|rate| key.ends_with(rate)) || is_short {
             let thousand = if unit.eq_ignore_ascii_case("khz") { 1e3 } else { 1.0 };
             figure.into_iter().for_each(|rate| self.set_rate(rate * thousand, number));
         } else if PERIODS.contains(&key) {
@@ -123,7 +126,14 @@ mod tests {
             let found = keys(text).rate_hz.map(|(rate, _)| rate);
             assert!(found.is_some_and(|found| (found - rate_hz).abs() < 1e-9), "{text}: {found:?}");
         }
-        for text in ["Camera: 100", "Rated load: 100", "Frequency: none", "1000", "Rate: 0"] {
+        for text in [
+            "Camera: 100",
+            "Rated load: 100",
+            "Frequency: none",
+            "1000",
+            "Rate: 0",
+            "FS: 100 100 200",
+        ] {
             assert_eq!(keys(text).rate_hz, None, "{text}");
         }
     }

@@ -9,9 +9,10 @@ use super::head::{self, Head, line_separator, numbered};
 use super::keys::Keys;
 use super::lines::{LayoutLine, fields, lines, texts};
 use super::mapping::{LogFormat, Mapping, TimeUnit};
-use super::meaning::{Meaning, StatedUnit};
+use super::meaning::{Meaning, StatedUnit, meaning_of};
 use crate::error::{FieldProblem, LogError, PlacedProblem};
 use crate::parse::console;
+use crate::parse::date::is_date;
 use crate::parse::form::{RowBody, RowForm};
 use crate::parse::number::{parse_field, with_points};
 use crate::stream::chunk::line_ends;
@@ -307,6 +308,10 @@ fn decisions(header: &Header, rows_line: u64, takes_rate: bool) -> Vec<String> {
     if header.form.body == RowBody::Blanks {
         said.push("columns between blanks".to_owned());
     }
+    if let Some(at) = header.form.stamp {
+        let (seconds, nanoseconds) = (at + 1, at + 2);
+        said.push(format!("seconds in column {seconds}, nanoseconds in column {nanoseconds}"));
+    }
     if header.form.has_arrow {
         said.push("time before the values of a line".to_owned());
     }
@@ -423,8 +428,18 @@ fn separated_header(
         return Err(source.error_at(first.number, PlacedProblem::NoTable));
     };
     let Head { separator, form, names, units, rows_start, rows_line, columns, keys } = found;
-    let has_decimal_commas = separator != b','
-        && has_decimal_commas(&form.separated(&head[rows_start..], separator), separator);
+    let rows = form.separated(&head[rows_start..], separator);
+    let has_decimal_commas = separator != b',' && has_decimal_commas(&rows, separator);
+    let (mut form, mut names) = (form, names);
+    if table.is_none() {
+        form.stamp = head::stamp_at(&rows, separator, names.as_ref().map(|(_, names)| &names[..]));
+    }
+    if let (Some(at), Some((_, names))) = (form.stamp, &mut names) {
+        names[at + 1] += head::JOINED;
+    }
+    if let Some((_, names)) = &mut names {
+        name_dates(&rows, separator, names);
+    }
     let (units_line, units) = units.map_or((None, Vec::new()), |(line, units)| (Some(line), units));
     let header = Header {
         separator,
@@ -460,6 +475,21 @@ fn separated_header(
         return Err(source.error_at(rows_line, PlacedProblem::UnknownLayout { columns, time }));
     }
     Ok(Header { names: numbered(1, columns), ..header })
+}
+
+/// Names a column of dates without a name, as the index of pandas is, if no other column is called a time.
+fn name_dates(rows: &[u8], separator: u8, names: &mut [String]) {
+    let first = lines(rows, 0, 1).next().map(|line| fields(line.text, separator));
+    let is_date = |at: &usize| {
+        let field = first.as_ref().and_then(|fields| fields.get(*at));
+        field.is_some_and(|field| !is_number(field) && is_date(field))
+    };
+    let has_time =
+        names.iter().any(|name| matches!(meaning_of(name, LogFormat::Csv).0, Meaning::Time(_)));
+    let mut unnamed = (0..names.len()).filter(|&at| names[at].is_empty());
+    if let Some(at) = unnamed.find(is_date).filter(|_| !has_time) {
+        "time".clone_into(&mut names[at]);
+    }
 }
 
 /// Recognises the head of most logs: the first line names known columns, and rows with the same number of
@@ -511,7 +541,8 @@ fn names_alone(
     let names = fields(first.text, separator);
     let second = lines(head, first.next, first.number + 1).next();
     let is_text = !names.iter().any(|name| head::is_numeric(name, separator));
-    let is_said = mapping.sensors.is_some() || mapping.wrench.is_some() || mapping.time.is_some();
+    // Columns that are given by number need no names.
+    let is_said = mapping.names_columns();
     let is_known = is_said || head::roles(&texts(&names)) > 0 || mapping.format.is_some();
     let next =
         LayoutLine { text: b"", start: first.next, next: first.next, number: first.number + 1 };

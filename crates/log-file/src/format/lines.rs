@@ -1,6 +1,6 @@
 //! The lines of a text, and the fields of a line.
 
-use crate::parse::rows::{is_comment, quoted_fields};
+use crate::parse::rows::{is_comment, quoted_fields, without_returns};
 use memchr::memchr;
 
 /// A line, its position, the position of the next line, and its number.
@@ -32,7 +32,7 @@ pub(super) fn all_lines(
         let rest = head.get(start..).filter(|rest| !rest.is_empty())?;
         let end = memchr(b'\n', rest).map_or(head.len(), |at| start + at);
         next = (end + 1).min(head.len());
-        let text = head[start..end].strip_suffix(b"\r").unwrap_or(&head[start..end]);
+        let text = without_returns(&head[start..end]);
         Some(LayoutLine { text, start, next, number })
     };
     (number..).map_while(line).filter(|line| !line.text.trim_ascii().is_empty())

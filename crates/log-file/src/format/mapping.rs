@@ -198,6 +198,13 @@ fn named_axis(item: &str) -> Option<(Axis, &str)> {
 }
 
 impl Mapping {
+    /// Returns true if the user gives a column by its name.
+    pub(crate) fn names_columns(&self) -> bool {
+        let wrench = self.wrench.iter().flatten().flatten();
+        let columns = self.sensors.iter().flatten().chain(wrench).chain(&self.time);
+        columns.chain(&self.group).any(|column| matches!(column, ColumnRef::Name(_)))
+    }
+
     /// Returns the user's order of day and month in dates, or the usual one.
     pub(crate) fn date_order(&self) -> Option<DateOrder> {
         date_order(&self.units).or_else(|| date_order(&self.usual_units))

@@ -40,8 +40,15 @@ pub(crate) fn parse_date(field: &[u8], order: DateOrder) -> Result<f64, FieldPro
         .ok_or(FieldProblem::NotADate)
 }
 
-/// Returns the seconds of an elapsed time with its unit, as MATLAB writes durations: `0.25 sec`.
+/// Returns the seconds of an elapsed time with its unit, as MATLAB writes durations: `0.25 sec`; and as pandas
+/// does: `0 days 00:00:00.25`.
 fn elapsed(text: &str) -> Option<f64> {
+    if let Some((days, time)) = text.split_once(" days ") {
+        let days = days.parse::<u32>().ok()?;
+        // Without a rounding of the decimals.
+        let time = seconds_of_day(time.trim_start_matches('+'))?;
+        return Some(f64::from(days) * 86_400.0 + time);
+    }
     let (number, unit) = text.split_once(' ')?;
     let number = number.parse::<f64>().ok().filter(|number| number.is_finite())?;
     Some(Unit::parse(unit, Quantity::Time)?.scale.to_si(number))

@@ -5,6 +5,7 @@ use serde_json::Value;
 use shell_data::unit::Unit;
 
 use super::date::is_date;
+use super::rows::without_returns;
 
 /// The notation of a row's values in its line.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -15,6 +16,8 @@ pub(crate) struct RowForm {
     pub(crate) has_brackets: bool,
     /// The notation of the values after the arrow.
     pub(crate) body: RowBody,
+    /// The position of whole seconds that nanoseconds follow in the next column, as ROS writes times.
+    pub(crate) stamp: Option<usize>,
 }
 
 /// The notation of a row's values.
@@ -51,7 +54,7 @@ impl RowForm {
         let mut made = Vec::with_capacity(lines.len());
         for line in lines.split_inclusive(|&byte| byte == b'\n') {
             let text = line.strip_suffix(b"\n").unwrap_or(line);
-            let text = text.strip_suffix(b"\r").unwrap_or(text);
+            let text = without_returns(text);
             let row = str::from_utf8(text).ok().and_then(|text| self.row(text, separator));
             let row = row.filter(|row| row.len() <= text.len());
             let start = made.len();
@@ -75,7 +78,7 @@ impl RowForm {
         let row = match &self.body {
             RowBody::Separated => line.to_owned(),
             RowBody::Blanks if line.trim_start().starts_with(['#', '%']) => return None,
-            RowBody::Blanks => tab(line.split_whitespace().map(str::to_owned).collect()),
+            RowBody::Blanks => tab(blank_fields(line).map(str::to_owned).collect()),
             RowBody::Labels(names) => {
                 let (labels, values): (Vec<_>, Vec<_>) = labelled(line)?.into_iter().unzip();
                 (labels == *names).then(|| tab(values))?
@@ -95,11 +98,60 @@ impl RowForm {
                 tab(names.iter().enumerate().map(&mut value).collect())
             }
         };
+        let row = match self.stamp {
+            Some(at) => with_one_time(&row, separator, at, line.len()),
+            None => row,
+        };
         Some(match time {
             Some(time) => format!("{}{separator}{row}", time.trim()),
             None => row,
         })
     }
+}
+
+/// Splits a line at blanks outside quotes.
+pub(crate) fn blank_fields(line: &str) -> impl Iterator<Item = &str> {
+    let mut is_quoted = false;
+    let parts = line.split(move |c: char| {
+        is_quoted ^= c == '"';
+        c.is_whitespace() && !is_quoted
+    });
+    parts.filter(|part| !part.is_empty())
+}
+
+/// Moves the nanoseconds behind the seconds at a position, as decimals, in at most `longest` bytes. If there is
+/// too little room, a text in the column behind them is left out, and then the last digits.
+fn with_one_time(row: &str, separator: char, at: usize, longest: usize) -> String {
+    let mut fields: Vec<&str> = row.split(separator).collect();
+    let is_whole = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+    let part = |at: usize| fields.get(at).map_or("", |field| field.trim());
+    let (seconds, nanoseconds) = (part(at), part(at + 1));
+    let is_text = part(at + 2).parse::<f64>().is_err();
+    if fields.len() < at + 2 {
+        return row.to_owned();
+    }
+    let is_time = is_whole(seconds) && is_whole(nanoseconds) && nanoseconds.len() <= 9;
+    let mut time = match is_time {
+        true => format!("{seconds}.{nanoseconds:0>9}").trim_end_matches('0').to_owned(),
+        // A fault is told as a time that is missing.
+        false => String::new(),
+    };
+    let length = |fields: &[&str], time: &str| {
+        let others: usize = fields.iter().map(|field| field.len() + 1).sum();
+        others + time.len() - 1
+    };
+    (fields[at], fields[at + 1]) = ("", "");
+    if length(&fields, &time) > longest
+        && is_text
+        && let Some(text) = fields.get_mut(at + 2)
+    {
+        *text = "";
+    }
+    while length(&fields, &time) > longest && time.len() > seconds.len() {
+        time.pop();
+    }
+    fields[at] = time.trim_end_matches('.');
+    fields.join(&separator.to_string())
 }
 
 /// Splits a line at the arrow, or behind a time in brackets.
@@ -124,6 +176,13 @@ const MARKS: [char; 5] = [' ', '\t', ',', ';', '|'];
 /// label: `Reading: 1.5 lbs` is the column `Reading (lbs)`.
 pub(crate) fn labelled(line: &str) -> Option<Vec<(String, String)>> {
     let (mut rest, mut pairs) = (line.trim_matches(MARKS), Vec::new());
+    // Scales print a number and its unit.
+    if let Some((number, unit)) = rest.split_once([' ', '\t'])
+        && number.parse::<f64>().is_ok()
+        && Unit::is_spelled(unit)
+    {
+        return Some(vec![(format!("value ({})", unit.trim()), number.to_owned())]);
+    }
     while !rest.is_empty() {
         let (label, after) = rest.split_once([':', '='])?;
         let is_part = |c: char| c.is_alphanumeric() || " _.-/#()[]".contains(c);
@@ -237,6 +296,8 @@ mod tests {
             ("Weight: 12.5 g", Some("Weight (g)=12.5")),
             ("A:1 B:2", Some("A=1; B=2")),
             ("x=1,y= 2", Some("x=1; y=2")),
+            ("12.345 kg", Some("value (kg)=12.345")),
+            ("12.345 kg 3", None),
             ("10:22:33,1", None),
             ("Date: 3 May", None),
             ("a,b", None),
@@ -248,11 +309,29 @@ mod tests {
 
     #[test]
     fn brackets_are_passed_over_and_stamps_are_seconds() {
-        let form = RowForm { has_brackets: true, body: RowBody::Blanks, has_arrow: false };
+        let form = RowForm { has_brackets: true, body: RowBody::Blanks, ..RowForm::default() };
         let made = form.separated(b"7 1400.5 (0.1 0.2)\n", b'\t');
         assert_eq!(String::from_utf8(made).unwrap().trim_end(), "7\t1400.5\t0.1\t0.2");
         let fields = object("{\"stamp\":{\"sec\":17,\"nanosec\":5000000},\"x\":1}").unwrap();
         assert_eq!(fields[0], ("stamp".to_owned(), "17.005000000".to_owned()));
+    }
+
+    #[test]
+    fn nanoseconds_become_decimals_of_the_seconds_before_them() {
+        let form = RowForm { stamp: Some(0), ..RowForm::default() };
+        for (line, expected) in [
+            ("1700000000,10000000,ft,1.5", "1700000000.01,,ft,1.5"),
+            ("1700000000,0,ft,1.5", "1700000000,,ft,1.5"),
+            ("1700000000,123456789,ft,1.5", "1700000000.123456789,,,1.5"),
+            // The name of the frame makes room for seven digits.
+            ("1700000000,5123,tool0,1.5", "1700000000.00000512,,,1.5"),
+            ("1700000000,5,,1.5", "1700000000,,,1.5"),
+            ("1700000000,,ft,1.5", ",,ft,1.5"),
+            ("1700000000,-5,ft,1.5", ",,ft,1.5"),
+        ] {
+            let made = String::from_utf8(form.separated(line.as_bytes(), b',')).unwrap();
+            assert_eq!((made.trim_end(), made.len()), (expected, line.len()), "{line}");
+        }
     }
 
     #[test]

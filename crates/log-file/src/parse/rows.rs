@@ -137,7 +137,7 @@ impl RowPlan {
             }
             // A blank line, a bad row, or one with unusual fields: parse it separately.
             let end = memchr(b'\n', &lines[at..]).map_or(lines.len(), |i| at + i);
-            let line = lines[at..end].strip_suffix(b"\r").unwrap_or(&lines[at..end]);
+            let line = without_returns(&lines[at..end]);
             let is_cut = |problem: &RowProblem| {
                 end == lines.len() && self.is_short(problem) || self.lacks_reference(problem)
             };
@@ -351,6 +351,14 @@ fn without_quotes(lines: &[u8], separator: u8) -> Option<Vec<u8>> {
     bare.extend_from_slice(&lines[copied..]);
     bare.resize(lines.len(), b' ');
     Some(bare)
+}
+
+/// Returns a line without the carriage returns at its end: a terminal may add one to that of a board.
+pub(crate) fn without_returns(mut line: &[u8]) -> &[u8] {
+    while let Some(shorter) = line.strip_suffix(b"\r") {
+        line = shorter;
+    }
+    line
 }
 
 /// Returns true if a line is a comment.

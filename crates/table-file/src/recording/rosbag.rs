@@ -25,8 +25,9 @@ const CONNECTION: u8 = 7;
 pub(super) fn records(file: &FileSource) -> Result<Records, TableError> {
     let length = file.length()?;
     let file = BufReader::with_capacity(1 << 16, file.open()?);
-    let mut bag =
-        Bag { file, at: 0, length, chunk: Vec::new(), next: 0, unpacked: Unpacked::default() };
+    let (chunk, unpacked) = (Vec::new(), Unpacked::default());
+    let (at, index_at, is_in_chunk, is_short, next) = (0, 0, false, false, 0);
+    let mut bag = Bag { file, at, length, index_at, is_in_chunk, is_short, chunk, next, unpacked };
     match bag.read(MAGIC.len() as u64)? {
         magic if magic == MAGIC => Ok(Box::new(move || bag.next())),
         magic => {
@@ -40,6 +41,12 @@ struct Bag {
     file: BufReader<OpenFile>,
     at: u64,
     length: u64,
+    /// Position of the index at the end; 0 if the recorder did not write it.
+    index_at: u64,
+    /// True within a chunk that the recorder did not finish.
+    is_in_chunk: bool,
+    /// True if a record reaches beyond the end of the file.
+    is_short: bool,
     /// The records of the current chunk.
     chunk: Vec<u8>,
     /// Position of the next record in the chunk.
@@ -49,9 +56,9 @@ struct Bag {
 
 impl Bag {
     fn read(&mut self, length: u64) -> Result<Vec<u8>, TableError> {
-        let cut_off = || KIND.damaged(format!("it is cut off at byte {}", self.at));
         if length > self.length - self.at {
-            return Err(cut_off());
+            self.is_short = true;
+            return Err(KIND.damaged(format!("it is cut off at byte {}", self.at)));
         }
         let most = budget::limit(self.length).min(budget::IN_MEMORY);
         let mut bytes = vec![0; budget::within(KIND, "a record", length, most)?];
@@ -63,9 +70,18 @@ impl Bag {
 
     /// Reads bytes that are preceded by their length.
     fn read_block(&mut self) -> Result<Vec<u8>, TableError> {
-        let length = self.read(4)?;
-        let length = ByteReader::new(&length).u32().map_or(0, u64::from);
+        let length = self.read_length()?;
         self.read(length)
+    }
+
+    fn read_length(&mut self) -> Result<u64, TableError> {
+        let length = self.read(4)?;
+        Ok(ByteReader::new(&length).u32().map_or(0, u64::from))
+    }
+
+    /// Returns true if the recorder did not write the index at the end.
+    fn is_unfinished(&self) -> bool {
+        self.index_at == 0 || self.index_at > self.length
     }
 
     /// Returns the next relevant record; `None` at the end.
@@ -84,41 +100,65 @@ impl Bag {
                     record => return Ok(record),
                 }
             }
-            if self.at == self.length {
-                return Ok(None);
-            }
             let at = self.at;
-            let header = self.read_block()?;
-            let damaged = || KIND.damaged(format!("the record at byte {at}"));
-            let fields = Fields::new(&header).ok_or_else(damaged)?;
-            match fields.kind().ok_or_else(damaged)? {
-                BAG_HEADER => {
-                    self.read_block()?;
-                    match fields.number("index_pos", 8).ok_or_else(damaged)? {
-                        0 => {
-                            return Err(KIND.unsupported(
-                                "its recorder did not close it: `rosbag reindex FILE` repairs it",
-                            ));
-                        }
-                        index if index > self.length => return Err(KIND.damaged("it is cut off")),
-                        _ => {}
-                    }
+            if at == self.length {
+                // An end without an index is told once.
+                let is_cut = self.is_unfinished();
+                self.index_at = self.length;
+                return Ok(is_cut.then_some(Record::Cut { at }));
+            }
+            match self.next_at_top() {
+                Ok(None) => {}
+                Err(TableError::Damaged { .. }) if self.ends_within(at) => {
+                    (self.at, self.index_at) = (self.length, self.length);
+                    self.chunk.clear();
+                    return Ok(Some(Record::Cut { at }));
                 }
-                CHUNK => {
-                    let packed = self.read_block()?;
-                    (self.chunk, self.next) = (self.unpack(&fields, &packed, at)?, 0);
-                }
-                MESSAGE_DATA | CONNECTION => {
-                    let data = self.read_block()?;
-                    if let Some(record) = record(&fields, &data).ok_or_else(damaged)? {
-                        return Ok(Some(record));
-                    }
-                }
-                _ => {
-                    self.read_block()?;
-                }
+                found => return found,
             }
         }
+    }
+
+    /// Returns true if the record at a position is wrong because the file ends before the recorder was done: in
+    /// a record, in the index, or in a chunk whose length was not filled in.
+    fn ends_within(&self, at: u64) -> bool {
+        self.is_in_chunk || self.is_short && (self.is_unfinished() || at >= self.index_at)
+    }
+
+    /// Reads the next record, or the next chunk, from the file; `None` if it is not relevant.
+    fn next_at_top(&mut self) -> Result<Option<Record>, TableError> {
+        let at = self.at;
+        let header = self.read_block()?;
+        let damaged = || KIND.damaged(format!("the record at byte {at}"));
+        let fields = Fields::new(&header).ok_or_else(damaged)?;
+        match fields.kind().ok_or_else(damaged)? {
+            BAG_HEADER => {
+                self.read_block()?;
+                self.index_at = fields.number("index_pos", 8).ok_or_else(damaged)?;
+            }
+            CHUNK => {
+                let length = self.read_length()?;
+                // The recorder fills in the sizes when it finishes the chunk. The records of one without
+                // compression can be read as those at the top.
+                let is_empty = fields.number("size", 4) == Some(0);
+                let is_cut = length > self.length - self.at;
+                let is_raw = fields.get("compression") == Some(b"none");
+                if self.is_unfinished() && (is_empty || is_cut && is_raw) {
+                    self.is_in_chunk = true;
+                } else {
+                    let packed = self.read(length)?;
+                    (self.chunk, self.next) = (self.unpack(&fields, &packed, at)?, 0);
+                }
+            }
+            MESSAGE_DATA | CONNECTION => {
+                let data = self.read_block()?;
+                return record(&fields, &data).ok_or_else(damaged);
+            }
+            _ => {
+                self.read_block()?;
+            }
+        }
+        Ok(None)
     }
 
     /// Unpacks the records of a chunk.

@@ -56,7 +56,7 @@ pub(super) fn loads(labels: &[&str]) -> String {
 }
 
 /// Binary logs of other programs: nulls, lists and decimals in the first.
-const BINARY: [&str; 26] = [
+const BINARY: [&str; 28] = [
     "table-file/tests/nested.parquet",
     "log-file/fuzz/seeds/parquet/delta.parquet",
     "log-file/fuzz/seeds/parquet/groups.parquet",
@@ -80,6 +80,8 @@ const BINARY: [&str; 26] = [
     "log-file/fuzz/seeds/rosbag/lz4.bag",
     "log-file/fuzz/seeds/rosbag/none.bag",
     "log-file/fuzz/seeds/sqlite/bag.db3",
+    "log-file/fuzz/seeds/ods/libreoffice.ods",
+    "log-file/fuzz/seeds/tdms/cards.tdms",
     "log-file/fuzz/seeds/tdms/times.tdms",
     "log-file/fuzz/seeds/tdms/waveform.tdms",
     "log-file/fuzz/seeds/xlsx/workbook.xlsx",

@@ -1,0 +1,102 @@
+//! Workbooks of any format: the sheet that holds a table, and its rows.
+
+use std::fmt;
+use std::sync::Arc;
+
+use crate::format::{Cell, FoundTable, RowSource, RowStream, WantedColumn, columns_of_cells};
+use crate::kind::{FileKind, TableError};
+
+/// The largest number of rows in a sheet.
+pub(crate) const LAST_ROW: u64 = 1 << 20;
+
+/// Number of rows that are searched for a table.
+const LOOKED_AT: usize = 100;
+
+/// A stream of rows with their numbers in the sheet, from 1 and ascending; blank rows may be left out.
+pub(crate) type NumberedRows =
+    Box<dyn FnMut() -> Result<Option<(u64, Vec<Cell>)>, TableError> + Send>;
+
+/// A sheet of a workbook.
+pub(crate) trait Sheet: fmt::Debug + Send + Sync + 'static {
+    /// Streams the rows.
+    fn numbered(self: Arc<Self>) -> Result<NumberedRows, TableError>;
+}
+
+/// Selects the sheet called `part`, or the first one that has a table. `open` opens a sheet by its position
+/// among `names`.
+pub(crate) fn choose<S: Sheet>(
+    kind: FileKind,
+    names: Vec<String>,
+    part: Option<&str>,
+    open: impl Fn(usize) -> Result<S, TableError>,
+) -> Result<FoundTable, TableError> {
+    let mut chosen = None;
+    for (at, name) in names.iter().enumerate() {
+        if part.is_some_and(|part| name != part) {
+            continue;
+        }
+        let sheet = Arc::new(open(at)?);
+        // A sheet without a table is chosen only if it is the only sheet.
+        if part.is_some() || names.len() == 1 || has_table(&sheet)? {
+            chosen = Some((name, sheet));
+            break;
+        }
+    }
+    let Some((name, sheet)) = chosen else { return Err(kind.choice("sheet", part, names)) };
+    // Names are in a row, or absent.
+    let mut found = FoundTable::new(None, SheetRows(sheet));
+    if names.len() > 1 && part.is_none() {
+        let others: Vec<&String> = names.iter().filter(|other| *other != name).collect();
+        found.notes.push(format!("read from sheet `{name}`; the others are {others:?}"));
+    }
+    Ok(found)
+}
+
+/// Returns true if one of the first rows has several filled cells.
+fn has_table<S: Sheet>(sheet: &Arc<S>) -> Result<bool, TableError> {
+    let mut next = Arc::clone(sheet).numbered()?;
+    for _ in 0..LOOKED_AT {
+        let Some((_, cells)) = next()? else { return Ok(false) };
+        if cells.iter().filter(|cell| **cell != Cell::Missing).count() > 1 {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
+/// The rows of a sheet, with those that are not in the file.
+#[derive(Debug)]
+struct SheetRows<S>(Arc<S>);
+
+impl<S: Sheet> RowSource for SheetRows<S> {
+    fn columns(&self) -> usize {
+        0
+    }
+
+    fn rows(self: Arc<Self>, wanted: Vec<WantedColumn>) -> Result<RowStream, TableError> {
+        let mut numbered = Arc::clone(&self.0).numbered()?;
+        // The number of the last row returned, and a row further down that waits for its turn.
+        let (mut given, mut waiting) = (0, None);
+        let next = move || {
+            let next = match waiting.take() {
+                None => numbered()?,
+                waiting => waiting,
+            };
+            let Some((row, cells)) = next else { return Ok(None) };
+            given += 1;
+            if row > given {
+                // A row that is not in the file is blank.
+                waiting = Some((row, cells));
+                return Ok(Some(Vec::new()));
+            }
+            Ok(Some(cells))
+        };
+        Ok(columns_of_cells(Box::new(next), wanted, is_blank))
+    }
+}
+
+/// Returns true if a row is empty or a remark.
+fn is_blank(row: &[Cell]) -> bool {
+    let first = row.iter().find(|cell| **cell != Cell::Missing);
+    first.is_none_or(|cell| matches!(cell, Cell::Text(text) if text.starts_with(['#'])))
+}
