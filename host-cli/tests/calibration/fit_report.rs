@@ -52,7 +52,7 @@ fn the_report_states_range_and_use() {
     // The poses by their errors while they were held out, and residuals of the held-out rows.
     assert!(page.contains("held out"), "{page}");
     assert!(page.contains("2500 held-out rows"), "{page}");
-    assert!(page.contains("Residuals of held-out rows over time"), "{page}");
+    assert!(page.contains("Residuals of held-out rows over time:"), "{page}");
     assert!(page.contains("best on new groups: cubic"), "{page}");
     assert!(page.contains("None was found."), "{page}");
     assert!(page.contains("shellcal fit") && page.contains("xxh128:"), "{page}");

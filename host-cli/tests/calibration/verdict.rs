@@ -82,7 +82,7 @@ fn eval_has_the_screen_and_the_words_of_fit() {
     let line = |label: &str| lines.iter().find(|line| line.starts_with(label)).copied();
     let of_fit = fitted["verdict"]["text"].as_array().unwrap();
     let of_fit = of_fit.iter().filter_map(|line| line.as_str());
-    for label in ["test", "next"] {
+    for label in ["test", "clock"] {
         assert_eq!(line(label), of_fit.clone().find(|line| line.starts_with(label)), "{text}");
     }
     assert!(lines.len() <= 14 && lines.iter().all(|of| of.chars().count() <= 100), "{text}");
