@@ -358,6 +358,8 @@ mod tests {
                 train: [quality; 6],
                 test: None,
                 cross_validation: None,
+                spread: None,
+                memory_gain: None,
                 selection: None,
                 excitation: None,
                 test_leak: Some(0.5),

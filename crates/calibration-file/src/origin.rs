@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use calibration::fit::Promise;
 use calibration::quality::AxisQuality;
 use calibration::solver::SolverKind;
 use calibration::validation::cross_validation::CrossValidation;
@@ -51,6 +52,12 @@ pub struct Diagnostics {
     pub test: Option<PerAxis<AxisQuality>>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cross_validation: Option<CrossValidation>,
+    /// The factor by which these errors may be larger in a new file, if files were held out.
+    #[serde(with = "by_axis::option", default, skip_serializing_if = "Option::is_none")]
+    pub spread: Option<PerAxis<f64>>,
+    /// The factor by which memory terms reduce held-out errors, if they were searched for.
+    #[serde(with = "by_axis::option", default, skip_serializing_if = "Option::is_none")]
+    pub memory_gain: Option<PerAxis<f64>>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub selection: Option<Selection>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -65,6 +72,15 @@ pub struct Diagnostics {
     pub group_leak: Option<f64>,
 }
 
+impl Diagnostics {
+    /// The errors that the fit promises on new rows.
+    pub fn promise(&self) -> Promise {
+        let held_out = (self.cross_validation.as_ref(), self.spread);
+        Promise::new(&self.train, held_out, self.excitation.as_ref())
+    }
+}
+
+/// A file that a calibration was made from.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SourceFile {
     pub role: Role,

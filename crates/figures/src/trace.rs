@@ -13,6 +13,7 @@ const SLIVERS: usize = 2048;
 
 #[derive(Clone, Debug, Default)]
 pub struct WrenchTrace {
+    is_by_row: bool,
     axes: PerAxis<TraceCurve>,
 }
 
@@ -31,8 +32,13 @@ struct Sliver {
 }
 
 impl WrenchTrace {
-    /// Adds a block of rows: time in s, six columns of wrench in the order of [`Axis::ALL`], N and
-    /// N·m. An axis with an empty column is not drawn. Skips rows that are not finite.
+    /// Creates an empty trace along numbers of rows in place of times.
+    pub fn by_row() -> Self {
+        Self { is_by_row: true, ..Self::default() }
+    }
+
+    /// Adds a block of rows: time in s, six columns of wrench in the order of [`Axis::ALL`], N and N·m. A
+    /// column may be empty: its axis is then not drawn. Rows that are not finite are skipped.
     ///
     /// # Panics
     /// If there are not six columns, each empty or as long as `time_s`.
@@ -112,7 +118,10 @@ pub fn trace_figure(size: Size, title: &str, trace: &WrenchTrace) -> Figure {
     for (row, &(axis, curve, _)) in shown.iter().enumerate() {
         let panel = Panel {
             area: wide_area(width, TOP + PANEL_PITCH * row as f64, PANEL_HEIGHT),
-            x: PlotAxis::linear("time", "s", time),
+            x: match trace.is_by_row {
+                true => PlotAxis::linear("row", "", time),
+                false => PlotAxis::linear("time", "s", time),
+            },
             y: PlotAxis::linear(axis.name(), axis.unit(), shown_range(curve)).padded(0.06),
         };
         panel.draw_grid(&mut canvas);

@@ -149,7 +149,8 @@ impl Choice {
         self.fold_models.iter().map(|(fold, _)| fold.iter().copied().collect()).collect()
     }
 
-    pub(super) fn without(&self, groups: &BTreeSet<u64>) -> PhysicsModel {
+    /// Fits the chosen candidate to the observations outside `groups`.
+    pub fn without(&self, groups: &BTreeSet<u64>) -> PhysicsModel {
         if let Some((_, known)) = self.fold_models.iter().find(|(fold, _)| fold == groups) {
             return known.clone();
         }

@@ -9,9 +9,10 @@
 //! - the noise of the tare's mean, from the scatter of its frames, with their autocorrelation
 //!   (Newey & West, Econometrica 55, 1987);
 //! - the noise of the window's mean, from the same noise over its frames;
-//! - the error of the model, such as play in the springs. It does not average out over a window,
-//!   and is the same share of any load, `(1 − R²)·(1 − σ²/S)·F²`: the training data's unexplained
-//!   variance S without the noise σ² of a frame.
+//! - the error of the model, such as play in the springs. It does not average out over a window, and is taken
+//!   as the same share of any load, `(1 − R²)·(1 − σ²/S)·F²`: the training data's unexplained variance S
+//!   without the noise σ² of a frame. With memory terms S is that of the model without them, which is larger
+//!   than its noise, and σ² is not subtracted.
 //!
 //! Without a tare, the residual variance of the calibration replaces the noise. The model error of
 //! a physics model, from held-out loads, includes the error of the coefficients.
@@ -94,7 +95,11 @@ pub(super) fn of_means(
         let noise: &[f64] = &of_tare[axis];
         if let Some(unexplained) = input.options.unexplained {
             let own = if noise.len() > 1 { variances(noise)[0] } else { 0.0 };
-            let lack = if of_frame[axis] > 0.0 { 1.0 - own / of_frame[axis] } else { 0.0 };
+            let lack = match calibration.memory {
+                Some(_) => 1.0,
+                None if of_frame[axis] > 0.0 => 1.0 - own / of_frame[axis],
+                None => 0.0,
+            };
             let share = (unexplained[axis] * lack.max(0.0)).sqrt();
             shared[axis].push(share * span.mean(&forces.wrench[axis]));
         }
