@@ -35,7 +35,7 @@ use shell_data::wrench::PerAxis;
 type Scores = PerAxis<Vec<f64>>;
 
 /// A group alone determines a direction if an eigenvalue of its `K_g` is this close to one.
-const ALONE: f64 = 1e-8;
+pub(crate) const ALONE: f64 = 1e-8;
 
 /// The largest deviation of the sum of all `K_g` from the identity.
 const LARGEST_DEFECT: f64 = 1e-4;
@@ -48,6 +48,8 @@ pub struct GroupScatter {
     /// For each axis an upper triangular `T`, `T·Tᵀ = cov(C)`. Rows are features of centred and scaled
     /// readings, in N and N·m.
     pub factors: PerAxis<Mat<f64>>,
+    /// `v_g` of each group, for each axis.
+    pub(crate) scores: PerAxis<Vec<Vec<f64>>>,
     /// `Σ e_gᵀ(I − H_g)⁻¹e_g`, in products of N and N·m.
     pub residual_products: PerAxis<PerAxis<f64>>,
     /// The fraction of the squared errors that the rows of a group share: their mean, squared.
@@ -92,20 +94,29 @@ impl ScatterSums {
     /// Starts the sums for a solution, before any group, with the degrees of freedom of `coefficients`
     /// coefficients.
     pub(crate) fn new(solution: &Solution, coefficients: usize) -> Self {
-        let (features, products) = (solution.factor.nrows(), &solution.residual_products);
+        let features = solution.factor.nrows();
         // Without a ridge, and if no direction was dropped, the `K_g` must add up to the identity.
         let all_directions = solution.ridge == 0.0 && solution.rank == features;
+        Self {
+            defect: all_directions.then(|| SymmetricMatrix::identity(features)),
+            moments: (0..coefficients).map(|_| Moments::new(features)).collect(),
+            ..Self::of_products(&solution.residual_products)
+        }
+    }
+
+    /// Starts the sums for a fit with these products of residuals, without checks of its features.
+    pub(crate) fn of_products(products: &Mat<f64>) -> Self {
         Self {
             groups: 0,
             scores: PerAxis::default(),
             products: std::array::from_fn(|a| {
                 std::array::from_fn(|b| products[(a.min(b), a.max(b))])
             }),
-            defect: all_directions.then(|| SymmetricMatrix::identity(features)),
+            defect: None,
             alone: Vec::new(),
             common: PerAxis::default(),
             squares: PerAxis::default(),
-            moments: (0..coefficients).map(|_| Moments::new(features)).collect(),
+            moments: Vec::new(),
         }
     }
 
@@ -162,6 +173,7 @@ impl ScatterSums {
                 let rows: Vec<_> = scores.iter().map(|score| factor.times(score)).collect();
                 UpperTriangle::root_of_squares(&rows, features).matrix()
             }),
+            scores: self.scores,
             residual_products: self.products,
             shared,
             degrees_of_freedom: (!self.moments.is_empty())
@@ -268,7 +280,7 @@ fn rows_times(rows: MatRef<'_, f64>, x: &[f64]) -> Vec<f64> {
 }
 
 /// Computes `M·Mᵀ`.
-fn gram(rows: MatRef<'_, f64>) -> SymmetricMatrix {
+pub(crate) fn gram(rows: MatRef<'_, f64>) -> SymmetricMatrix {
     let mut products = Mat::zeros(rows.nrows(), rows.nrows());
     lower_product(products.as_mut(), Accum::Replace, rows);
     SymmetricMatrix::from_fn(rows.nrows(), |i, j| products[(j, i)])

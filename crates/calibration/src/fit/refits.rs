@@ -99,15 +99,6 @@ fn fold_of_groups(rows: &GroupedRows, folds: usize) -> Result<Vec<usize>, FitErr
     Ok(fold_of)
 }
 
-pub(super) fn rows_in_one(data: &Dataset) -> Block {
-    let mut all = Block::default();
-    for (_, block) in data.blocks() {
-        all.append(&block.rows, 0..block.rows.rows);
-        all.groups.extend_from_slice(&block.labels);
-    }
-    all
-}
-
 /// Errors on each fold of groups, by fits without it.
 pub(super) type HeldOutFolds = Vec<PerAxis<HeldOutErrors>>;
 

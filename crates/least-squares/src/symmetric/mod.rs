@@ -56,6 +56,20 @@ impl SymmetricMatrix {
         &mut self.upper[first(self.size, row)..][..self.size - row]
     }
 
+    /// Adds another matrix.
+    pub fn add(&mut self, other: &Self) {
+        add_multiple(&mut self.upper, 1.0, &other.upper);
+    }
+
+    /// Computes the trace of the product with another matrix.
+    pub fn trace_of_product(&self, other: &Self) -> f64 {
+        let of_row = |i: usize| {
+            let (own, other) = (self.row(i), other.row(i));
+            2.0 * product(own, other) - own[0] * other[0]
+        };
+        (0..self.size).map(of_row).sum()
+    }
+
     /// Computes `A·x`.
     pub fn times(&self, x: &[f64]) -> Vec<f64> {
         let mut sums = vec![0.0; self.size];

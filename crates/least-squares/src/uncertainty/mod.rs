@@ -35,4 +35,5 @@ mod new_groups;
 pub use self::covariance::{CoefficientCovariance, Covariance};
 pub use self::group_intervals::{GroupIntervals, LEVELS, Scores, TooFewGroups};
 pub use self::interval::{ErrorShape, HIGHEST_LEVEL, NoIntervals, student_quantile};
+pub(crate) use self::new_groups::score_of;
 pub use crate::symmetric::TriangularColumns;

@@ -6,12 +6,10 @@
 
 use super::group_intervals::GroupIntervals;
 use crate::exact::ExactSums;
-use crate::factored::FactoredGroups;
 use crate::held_out_errors::HeldOutErrors;
 use crate::model::Model;
 use crate::passes::{Workers, map};
 use crate::sandwich::GroupScatter;
-use crate::solver::Solution;
 use shell_data::wrench::PerAxis;
 
 /// Maximum number of groups with scores. With more groups, the scatter of the groups and the shape of the
@@ -60,22 +58,9 @@ pub(super) fn score_without(
     Some(score_of(&errors, &variances[0], &scatter, fit.solution.rows))
 }
 
-/// Mean and scatter of the errors of a group from R factors, for a solution with the given `scatter` of
-/// coefficients; `None` if its features were not kept.
-pub(super) fn score_on(
-    rows: &FactoredGroups,
-    group: usize,
-    solution: &Solution,
-    scatter: &GroupScatter,
-) -> Option<PerAxis<(f64, f64)>> {
-    let errors = rows.groups[group].1.errors(solution)?;
-    let variance = rows.variances(group..group + 1, solution, scatter)?[0];
-    Some(score_of(&errors, &variance, scatter, solution.rows))
-}
-
 /// Mean and scatter of the errors of a group, in standard errors of the fit to `rows` other rows. `variance`
 /// is the variance of its rows that comes from the coefficients.
-pub(super) fn score_of(
+pub(crate) fn score_of(
     errors: &PerAxis<HeldOutErrors>,
     variance: &PerAxis<f64>,
     scatter: &GroupScatter,
