@@ -29,6 +29,7 @@ use crate::satterthwaite;
 use crate::solution::Solution;
 use crate::symmetric::{SymmetricMatrix, UpperTriangle, add_multiple, congruence, product};
 use crate::uncertainty::score_of;
+use shell_data::block::Block;
 use shell_data::wrench::{Axis, PerAxis};
 
 /// Number of rows whose features are computed together, or the number of features if that is more.
@@ -87,7 +88,11 @@ impl<'a> FittedGroups<'a> {
         let features = Features::new(solution.model, solution.scaling.clone());
         check_group_count(labels.len(), features.len() + Axis::ALL.len())?;
         let reduce = |(runs, label): &(&[Run], &String)| {
-            Ok(FittedGroup::from_rows((*label).clone(), (rows, runs), &features, solution))
+            let at_once = CHUNK.max(features.len());
+            let mut group = FittedGroup::new((*label).clone(), count(runs), features.len());
+            rows.copied(runs, at_once)
+                .for_each(|block| group.add_block(&block, &features, solution));
+            Ok(group)
         };
         let groups: Vec<_> = rows.groups().zip(labels).collect();
         Ok(Self { solution, groups: map(&groups, workers, reduce)? })
@@ -107,7 +112,7 @@ impl<'a> FittedGroups<'a> {
             let change = change.ok_or(FitError::NearlyDependent)?;
             let (r, z) = rows.r_factor.significant_rows();
             let x = &r * change;
-            let mut group = FittedGroup::new(label.clone(), rows.rows(), x.ncols());
+            let mut group = FittedGroup::new(label.clone(), rows.rows() as usize, x.ncols());
             let errors = z - &x * &solution.coefficients;
             let ones: Vec<f64> = r.col(r.ncols() - 1).iter().copied().collect();
             group.add(x.as_ref(), errors, &ones, solution);
@@ -157,7 +162,8 @@ impl<'a> FittedGroups<'a> {
     /// The mean variance of predictions on a group that comes from the coefficients, if these scatter as in
     /// `scatter`.
     pub(crate) fn variance(&self, group: usize, scatter: &GroupScatter) -> PerAxis<f64> {
-        self.groups[group].variance(&scatter.scores)
+        let FittedGroup { share, rows, .. } = &self.groups[group];
+        share.variance(scatter, *rows)
     }
 
     /// The mean and the scatter of the errors on a group, in standard errors, from the fit to all others;
@@ -176,40 +182,40 @@ impl<'a> FittedGroups<'a> {
         let size = self.solution.factor.nrows();
         let identity = UpperTriangle::from_fn(size, |i, j| f64::from(u8::from(i == j)));
         let scatter = sums.finish(&identity).ok()?;
-        let share = without.share(&group.share, &inverse);
-        let variance = scatter.scores.each_ref().map(|scores| {
-            let square = |score: &Vec<f64>| share.square(score);
-            scores.iter().map(square).sum::<f64>() / group.rows.max(1) as f64
-        });
+        let variance = without.share(&group.share, &inverse).variance(&scatter, group.rows);
         let errors = group.errors_after(&without.change);
         Some(score_of(&errors, &variance, &scatter, self.solution.rows - group.rows))
     }
 
-    /// Like [`score_without`](Self::score_without) for each of the groups of a file, from the fit without the
-    /// file, in standard errors of the fit to all rows.
-    pub(crate) fn scores_of_file(
+    /// Like [`score_without`](Self::score_without) for the groups of each file, from the fit without the file,
+    /// in standard errors of the fit to all rows.
+    pub(crate) fn scores_of_files(
         &self,
-        file: Range<usize>,
+        files: &[Range<usize>],
         scatter: &GroupScatter,
-    ) -> Option<Vec<PerAxis<(f64, f64)>>> {
+        workers: Workers<'_>,
+    ) -> Option<Vec<Vec<PerAxis<(f64, f64)>>>> {
+        let size = self.solution.factor.nrows();
         let squares = scatter.scores.each_ref().map(|scores| {
-            let columns = Mat::from_fn(self.solution.factor.nrows(), scores.len(), |i, j| scores[j][i]);
-            gram(columns.as_ref())
+            gram(Mat::from_fn(size, scores.len(), |i, group| scores[group][i]).as_ref())
         });
-        let mut shares = SymmetricMatrix::zeros(self.solution.factor.nrows());
-        let mut variances = Vec::with_capacity(file.len());
-        for group in &self.groups[file.clone()] {
-            let share = group.share.gram();
-            let rows = group.rows.max(1) as f64;
-            variances.push(squares.each_ref().map(|of| share.trace_of_product(of) / rows));
-            shares.add(&share);
-        }
-        let without = self.without(file.clone(), shares)?;
-        let score = |(group, variance): (&FittedGroup, PerAxis<f64>)| {
-            let errors = group.errors_after(&without.change);
-            score_of(&errors, &variance, scatter, self.solution.rows)
+        let of_file = |file: &Range<usize>| {
+            let mut shares = SymmetricMatrix::zeros(size);
+            let mut variances = Vec::with_capacity(file.len());
+            for group in &self.groups[file.clone()] {
+                let (share, rows) = (group.share.gram(), group.rows.max(1) as f64);
+                variances.push(squares.each_ref().map(|of| share.trace_of_product(of) / rows));
+                shares.add(&share);
+            }
+            let without = self.without(file.clone(), shares);
+            let score = |(group, variance): (&FittedGroup, PerAxis<f64>)| {
+                let errors = group.errors_after(&without.as_ref()?.change);
+                Some(score_of(&errors, &variance, scatter, self.solution.rows))
+            };
+            let groups = self.groups[file.clone()].iter().zip(variances);
+            Ok(groups.map(score).collect::<Option<Vec<_>>>())
         };
-        Some(self.groups[file].iter().zip(variances).map(score).collect())
+        map(files, workers, of_file).ok()?.into_iter().collect()
     }
 
     /// The fit without some groups, whose `K_g` add up to `shares`; `None` if the others do not determine it.
@@ -233,38 +239,47 @@ impl<'a> FittedGroups<'a> {
     }
 }
 
+impl Solution {
+    /// The solution without some of its rows; `None` if these alone determine some of the coefficients, so that
+    /// too few digits would remain. Condition number and rank stay unchanged.
+    pub fn without(&self, rows: &Block) -> Option<Self> {
+        let features = Features::new(self.model, self.scaling.clone());
+        let mut group = FittedGroup::new(String::new(), rows.rows, features.len());
+        group.add_block(rows, &features, self);
+        let share = group.share.gram();
+        let fitted = FittedGroups { solution: self, groups: vec![group] };
+        let FitWithout { root, change, residual_products } = fitted.without(0..1, share)?;
+        let (mut factor, root) = (self.factor.clone(), root.matrix());
+        let columns = factor.as_mut().transpose_mut();
+        solve_lower_triangular_in_place(root.transpose(), columns, Par::Seq);
+        Some(Self {
+            coefficients: &self.coefficients + &self.factor * change,
+            factor,
+            residual_products,
+            rows: self.rows - rows.rows as u64,
+            scaling: self.scaling.clone(),
+            ..*self
+        })
+    }
+}
+
 impl FittedGroup {
     /// A group of `rows` rows, before they are added.
-    fn new(label: String, rows: u64, features: usize) -> Self {
-        let axes = Axis::ALL.len();
-        let share =
-            Share::Rows { features: Mat::zeros(0, features), errors: Mat::zeros(0, axes) };
+    fn new(label: String, rows: usize, features: usize) -> Self {
+        let (rows, axes) = (rows as u64, Axis::ALL.len());
+        let share = Share::Rows { features: Mat::zeros(0, features), errors: Mat::zeros(0, axes) };
         let (column_sums, products) = (vec![0.0; features], Mat::zeros(axes, axes));
         Self { label, rows, share, column_sums, sums: [0.0; 6], products }
     }
 
-    fn from_rows(
-        label: String,
-        (rows, runs): (&GroupedRows, &[Run]),
-        features: &Features,
-        solution: &Solution,
-    ) -> Self {
-        let (columns, count) = (features.len(), count(runs));
-        let at_once = CHUNK.max(columns).min(count);
-        let mut group = Self::new(label, count as u64, columns);
-        let mut flat = vec![0.0; at_once * columns];
-        for block in rows.copied(runs, at_once) {
-            features.fill(&block.readings, 0..block.rows, &mut flat, at_once);
-            let x =
-                MatRef::from_column_major_slice_with_stride(&flat, block.rows, columns, at_once);
-            let mut errors = Mat::zeros(block.rows, Axis::ALL.len());
-            for (column, axis) in errors.col_iter_mut().zip(&block.wrench) {
-                column.iter_mut().zip(axis).for_each(|(to, load)| *to = *load);
-            }
-            errors -= x * &solution.coefficients;
-            group.add(x, errors, &vec![1.0; block.rows], solution);
-        }
-        group
+    fn add_block(&mut self, block: &Block, features: &Features, solution: &Solution) {
+        let (rows, columns) = (block.rows, features.len());
+        let mut flat = vec![0.0; rows * columns];
+        features.fill(&block.readings, 0..rows, &mut flat, rows);
+        let x = MatRef::from_column_major_slice(&flat, rows, columns);
+        let loads = Mat::from_fn(rows, Axis::ALL.len(), |row, axis| block.wrench[axis][row]);
+        let errors = loads - x * &solution.coefficients;
+        self.add(x, errors, &vec![1.0; rows], solution);
     }
 
     /// Adds rows with the features `x` and the errors `errors`, or an orthogonal transformation of both and of
@@ -274,7 +289,17 @@ impl FittedGroup {
         let mut features = Mat::zeros(x.nrows(), x.ncols());
         let factor = solution.factor.as_ref();
         let to = features.as_mut();
-        matmul(to, Rectangular, Accum::Replace, x, Rectangular, factor, TriangularUpper, 1.0, Par::Seq);
+        matmul(
+            to,
+            Rectangular,
+            Accum::Replace,
+            x,
+            Rectangular,
+            factor,
+            TriangularUpper,
+            1.0,
+            Par::Seq,
+        );
         self.products += errors.transpose() * &errors;
         let sum = |column: faer::ColRef<'_, f64>| -> f64 {
             column.iter().zip(ones).map(|(x, one)| x * one).sum()
@@ -330,14 +355,6 @@ impl FittedGroup {
             }
         })
     }
-
-    /// The mean over the rows of the variance of `M·v`, summed over the `v` of each axis.
-    fn variance(&self, scores: &PerAxis<Vec<Vec<f64>>>) -> PerAxis<f64> {
-        scores.each_ref().map(|scores| {
-            let square = |score: &Vec<f64>| self.share.square(score);
-            scores.iter().map(square).sum::<f64>() / self.rows.max(1) as f64
-        })
-    }
 }
 
 impl Share {
@@ -352,8 +369,7 @@ impl Share {
                 corrected_rows(features.as_ref(), errors.as_ref(), wants_share, coefficients)
             }
             Self::Products { gram, scores } => {
-                let score =
-                    std::array::from_fn(|axis| scores.col(axis).iter().copied().collect());
+                let score = std::array::from_fn(|axis| scores.col(axis).iter().copied().collect());
                 Ok((Some(gram.clone()), corrected(gram, score, coefficients)?))
             }
         }
@@ -373,6 +389,14 @@ impl Share {
             Self::Rows { features, errors } => features.transpose() * errors,
             Self::Products { scores, .. } => scores.clone(),
         }
+    }
+
+    /// The variance of predictions from coefficients that scatter as in `scatter`: the mean over the rows.
+    fn variance(&self, scatter: &GroupScatter, rows: u64) -> PerAxis<f64> {
+        let mean = |scores: &Vec<Vec<f64>>| {
+            scores.iter().map(|score| self.square(score)).sum::<f64>() / rows.max(1) as f64
+        };
+        scatter.scores.each_ref().map(mean)
     }
 
     /// `‖M_g·v‖²`.
@@ -412,6 +436,135 @@ fn gram_times(gram: &SymmetricMatrix, columns: &Mat<f64>) -> Mat<f64> {
 
 /// Replaces each column by a function of it.
 fn by_column(columns: &Mat<f64>, of: impl Fn(Vec<f64>) -> Vec<f64>) -> Mat<f64> {
-    let new: Vec<_> = columns.col_iter().map(|column| of(column.iter().copied().collect())).collect();
+    let new: Vec<_> =
+        columns.col_iter().map(|column| of(column.iter().copied().collect())).collect();
     Mat::from_fn(columns.nrows(), columns.ncols(), |i, j| new[j][i])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::factored::GroupFactors;
+    use crate::model::{Basis, Model};
+    use crate::scaling::Scaling;
+    use crate::solver::{self, FitProblem, SolverKind};
+    use shell_data::dataset::Dataset;
+    use shell_data::wrench::Axes;
+    use system_tests::random::Random;
+
+    /// Groups of four and of nine rows, fewer and more than the six features.
+    fn block() -> Block {
+        let mut random = Random(7);
+        let sizes: Vec<usize> = (0..24).map(|group| [4, 9][group % 2]).collect();
+        let mut block = Block { readings: vec![Vec::new(); 2], ..Block::default() };
+        block.wrench = vec![Vec::new(); 6];
+        for (group, &rows) in sizes.iter().enumerate() {
+            let position = [random.normal(), random.normal()];
+            let common = random.normal();
+            for _ in 0..rows {
+                let readings = position.map(|position| 3.0 + position + 0.3 * random.normal());
+                for (axis, column) in block.wrench.iter_mut().enumerate() {
+                    let load = readings[axis % 2] * (axis as f64 + 1.0);
+                    column.push(load + 0.3 * common + 0.1 * random.normal());
+                }
+                block.readings.iter_mut().zip(readings).for_each(|(column, s)| column.push(s));
+            }
+            block.groups.push((group.to_string(), rows));
+            block.rows += rows;
+        }
+        block
+    }
+
+    fn part(block: &Block, is_in: impl Fn(usize) -> bool) -> Block {
+        let of_group = |(group, (_, rows)): (usize, &(String, usize))| {
+            std::iter::repeat_n(is_in(group), *rows)
+        };
+        block.kept(&block.groups.iter().enumerate().flat_map(of_group).collect::<Vec<_>>())
+    }
+
+    fn solution(block: &Block) -> Solution {
+        let model = Model { basis: Basis::Quadratic, intercept: true, channels: 2, memory: 0 };
+        let scaling = Scaling { centre: vec![3.0; 2], scale: vec![1.0; 2] };
+        let problem = FitProblem { model, scaling, ridge: 0.0 };
+        solver::fit(SolverKind::Tsqr, problem, &block.into()).unwrap().0
+    }
+
+    fn fitted<'a>(block: &Block, solution: &'a Solution) -> FittedGroups<'a> {
+        let data = Dataset::from_blocks("rows", Axes::ALL, vec![block.clone()]);
+        let (rows, labels) = GroupedRows::from_labels(&data);
+        FittedGroups::from_rows(&rows, &labels, solution, Workers::ONE).unwrap()
+    }
+
+    fn assert_close(found: &PerAxis<(f64, f64)>, expected: &PerAxis<(f64, f64)>) {
+        for (found, expected) in found.iter().zip(expected) {
+            // Condition numbers below 100 in double precision.
+            assert!(
+                (found.0 - expected.0).abs() < 1e-11 * (1.0 + expected.0),
+                "{found:?} {expected:?}"
+            );
+            assert!(
+                (found.1 - expected.1).abs() < 1e-11 * (1.0 + expected.1),
+                "{found:?} {expected:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn scores_of_groups_and_files_equal_those_of_fits_to_the_other_rows() {
+        let block = block();
+        let all = solution(&block);
+        let groups = fitted(&block, &all);
+        let of_all = groups.scatter(true, Workers::ONE).unwrap();
+        for group in [0, 5, 16] {
+            let rest = part(&block, |of| of != group);
+            let without = solution(&rest);
+            let scatter = fitted(&rest, &without).scatter(false, Workers::ONE).unwrap();
+            let held_out = fitted(&part(&block, |of| of == group), &without);
+            let (errors, variance) = (held_out.errors(0), held_out.variance(0, &scatter));
+            let expected = score_of(&errors, &variance, &scatter, without.rows);
+            assert_close(&groups.score_without(group).unwrap(), &expected);
+        }
+        let without = solution(&part(&block, |of| !(3..7).contains(&of)));
+        let held_out = fitted(&part(&block, |of| (3..7).contains(&of)), &without);
+        let found = groups.scores_of_files(std::slice::from_ref(&(3..7)), &of_all, Workers::ONE);
+        for (at, found) in found.unwrap()[0].iter().enumerate() {
+            let variance = groups.variance(3 + at, &of_all);
+            let expected = score_of(&held_out.errors(at), &variance, &of_all, all.rows);
+            assert_close(found, &expected);
+        }
+    }
+
+    #[test]
+    fn r_factors_about_another_centre_give_the_same_as_rows() {
+        let block = block();
+        let all = solution(&block);
+        let mut factors = GroupFactors::new(all.model, Scaling::identity(2));
+        factors.add(&block, &block.groups).unwrap();
+        let factors = factors.finish().unwrap();
+        let of_factors = FittedGroups::from_factors(&factors, &all, Workers::ONE).unwrap();
+        let of_rows = fitted(&block, &all);
+        for group in [4, 7] {
+            let expected = of_rows.score_without(group).unwrap();
+            assert_close(&of_factors.score_without(group).unwrap(), &expected);
+        }
+    }
+
+    #[test]
+    fn groups_that_alone_determine_a_coefficient_have_no_score() {
+        let mut block = block();
+        let moved = block.groups[..3].iter().map(|(_, rows)| rows).sum::<usize>();
+        block.readings[1][moved..].fill(3.0);
+        let all = solution(&block);
+        assert!(
+            fitted(&block, &all)
+                .without(0..3, {
+                    let mut shares = SymmetricMatrix::zeros(6);
+                    fitted(&block, &all).groups[..3]
+                        .iter()
+                        .for_each(|of| shares.add(&of.share.gram()));
+                    shares
+                })
+                .is_none()
+        );
+    }
 }

@@ -27,7 +27,7 @@ use crate::error::FitError;
 use crate::held_out_errors::HeldOutErrors;
 use crate::satterthwaite::{Influence, Moments};
 use crate::solution::Solution;
-use crate::symmetric::{Eigen, SymmetricMatrix, UpperTriangle, add_multiple, product};
+use crate::symmetric::{Eigen, SymmetricMatrix, TOGETHER, UpperTriangle, add_multiple, product};
 use crate::vectors::lower_product;
 use shell_data::wrench::PerAxis;
 
@@ -193,15 +193,12 @@ pub(crate) fn corrected(
     coefficients: &[Vec<f64>],
 ) -> Result<Option<Part>, FitError> {
     let Some(correction) = Correction::new(share.clone())? else { return Ok(None) };
-    let influence = |y: &Vec<f64>| {
-        let v = correction.apply(y.clone());
-        let pull = share.times(&v);
-        Influence { own: product(&v, &pull), pull }
+    let (scores, corrected) = correction.apply(score, coefficients.iter().cloned());
+    let influence = |v: &Vec<f64>| {
+        let pull = share.times(v);
+        Influence { own: product(v, &pull), pull }
     };
-    Ok(Some(Part {
-        scores: score.map(|score| correction.apply(score)),
-        influences: coefficients.iter().map(influence).collect(),
-    }))
+    Ok(Some(Part { scores, influences: corrected.iter().map(influence).collect() }))
 }
 
 /// Computes the part of a group from `M`, rows × features, and `e`, rows × axes, with `K_g = MᵀM` and `u_g =
@@ -231,9 +228,8 @@ pub(crate) fn corrected_rows(
     let back = |of: &[Vec<f64>]| {
         rows.transpose() * Mat::from_fn(rows.nrows(), of.len(), |row, column| of[column][row])
     };
-    let scores = columns(misfit).map(|misfit| correction.apply(misfit));
-    let of_coefficient = |y: &Vec<f64>| correction.apply(rows_times(rows, y));
-    let corrected: Vec<_> = coefficients.iter().map(of_coefficient).collect();
+    let coefficients = coefficients.iter().map(|y| rows_times(rows, y));
+    let (scores, corrected) = correction.apply(columns(misfit), coefficients);
     let pulls = back(&corrected);
     let influence = |(v, pull): (&Vec<f64>, ColRef<'_, f64>)| Influence {
         own: product(v, v),
@@ -265,11 +261,30 @@ impl Correction {
         Ok((!is_alone).then_some(Self { eigen, rest }))
     }
 
-    fn apply(&self, mut x: Vec<f64>) -> Vec<f64> {
-        self.eigen.turn(&mut x);
-        x.iter_mut().zip(&self.rest).for_each(|(x, rest)| *x /= rest.sqrt());
-        self.eigen.turn_back(&mut x);
-        x
+    /// Corrects a vector for each axis, and others.
+    fn apply(
+        &self,
+        axes: Scores,
+        others: impl IntoIterator<Item = Vec<f64>>,
+    ) -> (Scores, Vec<Vec<f64>>) {
+        let mut all: Vec<_> = axes.into_iter().chain(others).collect();
+        let mut lanes = vec![[0.0; TOGETHER]; self.rest.len()];
+        for together in all.chunks_mut(TOGETHER) {
+            for (lane, x) in together.iter().enumerate() {
+                lanes.iter_mut().zip(x).for_each(|(to, x)| to[lane] = *x);
+            }
+            self.eigen.turn(&mut lanes);
+            for (x, rest) in lanes.iter_mut().zip(&self.rest) {
+                let root = rest.sqrt();
+                x.iter_mut().for_each(|x| *x /= root);
+            }
+            self.eigen.turn_back(&mut lanes);
+            for (lane, x) in together.iter_mut().enumerate() {
+                x.iter_mut().zip(&lanes).for_each(|(to, x)| *to = x[lane]);
+            }
+        }
+        let mut all = all.into_iter();
+        (std::array::from_fn(|_| all.next().unwrap_or_default()), all.collect())
     }
 }
 

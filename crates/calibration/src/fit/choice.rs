@@ -5,8 +5,8 @@ use std::ops::Range;
 
 use super::options::{CovarianceRule, FitOptions, ModelRule};
 use super::refits::{
-    self, FOLDS, HeldOutFolds, MOST_ALONE, MOST_COMPARED, few_by_fold,
-    select_by_normal_equations, sum_groups, sum_groups_or_sets,
+    self, FOLDS, HeldOutFolds, MOST_ALONE, MOST_COMPARED, few_by_fold, select_by_normal_equations,
+    sum_groups, sum_groups_or_sets,
 };
 use super::warning::{FewGroups, Warning};
 use crate::groups::{FoundGroups, GroupBy, HeldOut, label_groups, label_poses, stretches_of_files};

@@ -173,12 +173,12 @@ mod tests {
     use super::*;
     use crate::factored::GroupFactors;
     use crate::features::Features;
+    use crate::fitted_groups::FittedGroups;
     use crate::model::{Basis, Model};
     use crate::passes::Workers;
     use crate::scaling::Scaling;
-    use crate::solver::{self, FitProblem, SolverKind};
-    use crate::fitted_groups::FittedGroups;
     use crate::solution::Solution;
+    use crate::solver::{self, FitProblem, SolverKind};
     use crate::uncertainty::Covariance;
     use faer::{Mat, Side};
     use shell_data::block::Block;

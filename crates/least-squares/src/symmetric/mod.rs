@@ -9,8 +9,8 @@ mod squares;
 
 use faer::{Mat, MatRef};
 
-pub(crate) use self::eigen::Eigen;
 use self::eigen::Reflection;
+pub(crate) use self::eigen::{Eigen, TOGETHER};
 use shell_data::vectorised;
 
 /// The upper triangle of a symmetric matrix, row by row.
@@ -355,15 +355,16 @@ mod tests {
         order.sort_by(|&i, &j| eigen.values[i].total_cmp(&eigen.values[j]));
         for (expected, &position) in expected.iter().zip(&order) {
             assert!((eigen.values[position] - expected).abs() <= 1e-13 * largest);
-            let mut vector = eigen.vector(position);
+            let vector = eigen.vector(position);
             assert!((product(&vector, &vector) - 1.0).abs() < 1e-13);
             for row in 0..size {
                 let turned: f64 = (0..size).map(|k| theirs[(row, k)] * vector[k]).sum();
                 assert!((turned - eigen.values[position] * vector[row]).abs() <= 1e-12 * largest);
             }
-            eigen.turn(&mut vector);
-            for (i, x) in vector.into_iter().enumerate() {
-                assert!((x - f64::from(u8::from(i == position))).abs() < 1e-13);
+            let mut lanes: Vec<_> = vector.into_iter().map(|x| [x; TOGETHER]).collect();
+            eigen.turn(&mut lanes);
+            for (i, x) in lanes.into_iter().enumerate() {
+                assert!(x.iter().all(|x| (x - f64::from(u8::from(i == position))).abs() < 1e-13));
             }
         }
     }

@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use super::group_intervals::GroupIntervals;
 use super::interval::{ErrorShape, NoIntervals, normal_quantile, student_quantile};
-use super::new_groups::{each, of_scores, score_of, score_without};
+use super::new_groups::{of_scores, score_of, score_without};
 use crate::fitted_groups::FittedGroups;
 use crate::model::Model;
 use crate::passes::Workers;
@@ -130,10 +130,8 @@ impl Covariance {
             // Rows of one file have more in common than rows of two files. The expected error of a stretch
             // comes from the fit to all rows.
             Some(files) => {
-                let of_file = |file: usize| groups.scores_of_file(files[file].clone(), scatter);
-                let scores: Option<Vec<_>> =
-                    each(files.len(), workers, of_file)?.into_iter().collect();
-                Some(GroupIntervals::from_files(&scores?))
+                let scores = groups.scores_of_files(files, scatter, workers)?;
+                Some(GroupIntervals::from_files(&scores))
             }
         })
     }

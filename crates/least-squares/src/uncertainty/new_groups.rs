@@ -28,18 +28,10 @@ pub(super) fn of_scores(
         return None;
     }
     let unknown = [(f64::INFINITY, 0.0); 6];
-    let scores = each(groups, workers, |group| score(group).unwrap_or(unknown))?;
+    // Cancelled by [`Workers::watch`], which the next pass over the rows reports.
+    let groups: Vec<_> = (0..groups).collect();
+    let scores = map(&groups, workers, |&group| Ok(score(group).unwrap_or(unknown))).ok()?;
     Some(GroupIntervals::from_groups(&scores))
-}
-
-/// Computes the `score` of each group, on all threads; `None` if [`Workers::watch`] cancels, which the next
-/// pass over the rows reports.
-pub(super) fn each<T: Send>(
-    groups: usize,
-    workers: Workers<'_>,
-    score: impl Fn(usize) -> T + Sync,
-) -> Option<Vec<T>> {
-    map(&(0..groups).collect::<Vec<_>>(), workers, |&group| Ok(score(group))).ok()
 }
 
 /// Mean and scatter of the errors of a group, in standard errors, from the fit to all others; `None` if that
