@@ -175,6 +175,12 @@ vectorised! {
             1.0 + tare.map_or(0.0, of_tare)
         });
         let variances: PerAxis<f64> = std::array::from_fn(|axis| covariance.residual[axis][axis]);
+        let factors: Vec<&[Vec<f64>]> = match &covariance.coefficients {
+            CoefficientCovariance::Rows { factor } => vec![factor],
+            CoefficientCovariance::Groups { factors, .. } => {
+                factors.iter().map(without_zeros).collect()
+            }
+        };
         for start in (0..rows).step_by(LANES) {
             features.lanes(readings, start, &mut lanes);
             if let Some(tare) = tare {
@@ -186,16 +192,16 @@ vectorised! {
             }
             let filled = LANES.min(rows - start);
             match &covariance.coefficients {
-                CoefficientCovariance::Rows { factor } => {
-                    let spread = spread(factor, &lanes);
+                CoefficientCovariance::Rows { .. } => {
+                    let spread = spread(factors[0], &lanes);
                     let axes = errors.iter_mut().zip(variances).zip(own);
                     for ((errors, variance), own) in axes {
                         let error = |&spread: &f64| (variance * (own + spread)).sqrt();
                         errors.extend(spread[..filled].iter().map(error));
                     }
                 }
-                CoefficientCovariance::Groups { factors, .. } => {
-                    let axes = errors.iter_mut().zip(factors).zip(variances).zip(own);
+                CoefficientCovariance::Groups { .. } => {
+                    let axes = errors.iter_mut().zip(&factors).zip(variances).zip(own);
                     for (((errors, factor), variance), own) in axes {
                         let spread = spread(factor, &lanes);
                         let error = |&spread: &f64| (variance * own + spread).sqrt();
@@ -208,9 +214,15 @@ vectorised! {
     }
 }
 
+/// The columns from the first nonzero one. With fewer groups than features there are as many as groups.
+fn without_zeros(factor: &TriangularColumns) -> &[Vec<f64>] {
+    let zeros = factor.iter().take_while(|column| column.iter().all(|&f| f == 0.0)).count();
+    &factor[zeros..]
+}
+
 /// `‖factorᵀ·x‖²` of each lane.
 #[inline(always)]
-pub(crate) fn spread(factor: &TriangularColumns, lanes: &[RowLanes]) -> RowLanes {
+pub(crate) fn spread(factor: &[Vec<f64>], lanes: &[RowLanes]) -> RowLanes {
     let mut spread = [0.0; LANES];
     for column in factor {
         let mut product = [0.0; LANES];

@@ -160,6 +160,18 @@ impl GroupedRows {
         })
     }
 
+    /// Number of channels; 0 without rows.
+    pub fn channels(&self) -> usize {
+        self.blocks.first().map_or(0, |block| block.channels().len())
+    }
+
+    /// A copy of the rows, group by group, with the label of each group.
+    pub fn to_block(&self, labels: &[String]) -> Block {
+        let counts = self.groups().map(count);
+        let groups = labels.iter().cloned().zip(counts).collect();
+        Block { groups, ..self.copied(&self.runs, usize::MAX).next().unwrap_or_default() }
+    }
+
     /// A data set with copies of the rows, labelled with their group numbers.
     pub fn to_dataset(&self) -> Dataset {
         let labelled = |runs: &[Run]| {

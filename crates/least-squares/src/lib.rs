@@ -19,6 +19,7 @@ pub mod error;
 pub mod exact;
 pub mod factored;
 pub mod features;
+pub mod fitted_groups;
 pub mod grouped_rows;
 pub mod held_out_errors;
 pub mod magnitudes;

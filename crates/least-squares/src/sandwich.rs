@@ -27,7 +27,7 @@ use crate::error::FitError;
 use crate::held_out_errors::HeldOutErrors;
 use crate::satterthwaite::{Influence, Moments};
 use crate::solution::Solution;
-use crate::symmetric::{Eigen, SymmetricMatrix, UpperTriangle, add_multiple, product};
+use crate::symmetric::{Eigen, SymmetricMatrix, TOGETHER, UpperTriangle, add_multiple, product};
 use crate::vectors::lower_product;
 use shell_data::wrench::PerAxis;
 
@@ -35,7 +35,7 @@ use shell_data::wrench::PerAxis;
 type Scores = PerAxis<Vec<f64>>;
 
 /// A group alone determines a direction if an eigenvalue of its `K_g` is this close to one.
-const ALONE: f64 = 1e-8;
+pub(crate) const ALONE: f64 = 1e-8;
 
 /// The largest deviation of the sum of all `K_g` from the identity.
 const LARGEST_DEFECT: f64 = 1e-4;
@@ -48,6 +48,8 @@ pub struct GroupScatter {
     /// For each axis an upper triangular `T`, `T·Tᵀ = cov(C)`. Rows are features of centred and
     /// scaled readings, in N and N·m.
     pub factors: PerAxis<Mat<f64>>,
+    /// `v_g` of each group, for each axis.
+    pub(crate) scores: PerAxis<Vec<Vec<f64>>>,
     /// `Σ e_gᵀ(I − H_g)⁻¹e_g`, in products of N and N·m.
     pub residual_products: PerAxis<PerAxis<f64>>,
     /// The fraction of the squared errors that the rows of a group share: their mean, squared.
@@ -87,20 +89,29 @@ pub(crate) struct Part {
 impl ScatterSums {
     /// Starts before any group, with the degrees of freedom of `coefficients` coefficients.
     pub(crate) fn new(solution: &Solution, coefficients: usize) -> Self {
-        let (features, products) = (solution.factor.nrows(), &solution.residual_products);
+        let features = solution.factor.nrows();
         // Without a ridge, and if no direction was dropped, the `K_g` must add up to the identity.
         let all_directions = solution.ridge == 0.0 && solution.rank == features;
+        Self {
+            defect: all_directions.then(|| SymmetricMatrix::identity(features)),
+            moments: (0..coefficients).map(|_| Moments::new(features)).collect(),
+            ..Self::of_products(&solution.residual_products)
+        }
+    }
+
+    /// Starts the sums for a fit with these products of residuals, without checks of its features.
+    pub(crate) fn of_products(products: &Mat<f64>) -> Self {
         Self {
             groups: 0,
             scores: PerAxis::default(),
             products: std::array::from_fn(|a| {
                 std::array::from_fn(|b| products[(a.min(b), a.max(b))])
             }),
-            defect: all_directions.then(|| SymmetricMatrix::identity(features)),
+            defect: None,
             alone: Vec::new(),
             common: PerAxis::default(),
             squares: PerAxis::default(),
-            moments: (0..coefficients).map(|_| Moments::new(features)).collect(),
+            moments: Vec::new(),
         }
     }
 
@@ -157,6 +168,7 @@ impl ScatterSums {
                 let rows: Vec<_> = scores.iter().map(|score| factor.times(score)).collect();
                 UpperTriangle::root_of_squares(&rows, features).matrix()
             }),
+            scores: self.scores,
             residual_products: self.products,
             shared,
             degrees_of_freedom: (!self.moments.is_empty())
@@ -174,15 +186,12 @@ pub(crate) fn corrected(
     coefficients: &[Vec<f64>],
 ) -> Result<Option<Part>, FitError> {
     let Some(correction) = Correction::new(share.clone())? else { return Ok(None) };
-    let influence = |y: &Vec<f64>| {
-        let v = correction.apply(y.clone());
-        let pull = share.times(&v);
-        Influence { own: product(&v, &pull), pull }
+    let (scores, corrected) = correction.apply(score, coefficients.iter().cloned());
+    let influence = |v: &Vec<f64>| {
+        let pull = share.times(v);
+        Influence { own: product(v, &pull), pull }
     };
-    Ok(Some(Part {
-        scores: score.map(|score| correction.apply(score)),
-        influences: coefficients.iter().map(influence).collect(),
-    }))
+    Ok(Some(Part { scores, influences: corrected.iter().map(influence).collect() }))
 }
 
 /// The part of a group from `M`, rows × features, and `e`, rows × axes, with `K_g = MᵀM` and
@@ -209,9 +218,8 @@ pub(crate) fn corrected_rows(
     let back = |of: &[Vec<f64>]| {
         rows.transpose() * Mat::from_fn(rows.nrows(), of.len(), |row, column| of[column][row])
     };
-    let scores = columns(misfit).map(|misfit| correction.apply(misfit));
-    let of_coefficient = |y: &Vec<f64>| correction.apply(rows_times(rows, y));
-    let corrected: Vec<_> = coefficients.iter().map(of_coefficient).collect();
+    let coefficients = coefficients.iter().map(|y| rows_times(rows, y));
+    let (scores, corrected) = correction.apply(columns(misfit), coefficients);
     let pulls = back(&corrected);
     let influence = |(v, pull): (&Vec<f64>, ColRef<'_, f64>)| Influence {
         own: product(v, v),
@@ -240,11 +248,30 @@ impl Correction {
         Ok((!is_alone).then_some(Self { eigen, rest }))
     }
 
-    fn apply(&self, mut x: Vec<f64>) -> Vec<f64> {
-        self.eigen.turn(&mut x);
-        x.iter_mut().zip(&self.rest).for_each(|(x, rest)| *x /= rest.sqrt());
-        self.eigen.turn_back(&mut x);
-        x
+    /// Corrects a vector for each axis, and others.
+    fn apply(
+        &self,
+        axes: Scores,
+        others: impl IntoIterator<Item = Vec<f64>>,
+    ) -> (Scores, Vec<Vec<f64>>) {
+        let mut all: Vec<_> = axes.into_iter().chain(others).collect();
+        let mut lanes = vec![[0.0; TOGETHER]; self.rest.len()];
+        for together in all.chunks_mut(TOGETHER) {
+            for (lane, x) in together.iter().enumerate() {
+                lanes.iter_mut().zip(x).for_each(|(to, x)| to[lane] = *x);
+            }
+            self.eigen.turn(&mut lanes);
+            for (x, rest) in lanes.iter_mut().zip(&self.rest) {
+                let root = rest.sqrt();
+                x.iter_mut().for_each(|x| *x /= root);
+            }
+            self.eigen.turn_back(&mut lanes);
+            for (lane, x) in together.iter_mut().enumerate() {
+                x.iter_mut().zip(&lanes).for_each(|(to, x)| *to = x[lane]);
+            }
+        }
+        let mut all = all.into_iter();
+        (std::array::from_fn(|_| all.next().unwrap_or_default()), all.collect())
     }
 }
 
@@ -254,7 +281,7 @@ fn rows_times(rows: MatRef<'_, f64>, x: &[f64]) -> Vec<f64> {
 }
 
 /// Computes `M·Mᵀ`.
-fn gram(rows: MatRef<'_, f64>) -> SymmetricMatrix {
+pub(crate) fn gram(rows: MatRef<'_, f64>) -> SymmetricMatrix {
     let mut products = Mat::zeros(rows.nrows(), rows.nrows());
     lower_product(products.as_mut(), Accum::Replace, rows);
     SymmetricMatrix::from_fn(rows.nrows(), |i, j| products[(j, i)])

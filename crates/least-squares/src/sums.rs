@@ -4,12 +4,11 @@
 //! | --- | --- | --- | --- |
 //! | [`ExactSums`] | integers, or decimals of few digits | subtracted exactly | the same bits in any order |
 //! | [R factors](crate::factored) | any | the other groups are merged | sums of rounded products would cancel |
-//! | copies of rows | any, with a solver that clips them | the others are fitted again | the clipped rows differ from fit to fit |
+//! | rows by group | any | downdated from the fit, or fitted again if the solver clips rows | an R factor of each group costs more |
 //!
 //! [`RowSums`] and [`GroupedSums`] fit, hold groups out, choose a model and compute a covariance
 //! for any kind.
 
-use std::collections::HashSet;
 use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
@@ -17,7 +16,8 @@ use serde::{Deserialize, Serialize};
 use crate::error::{ExactError, FitError};
 use crate::exact::ExactSums;
 use crate::factored::{FactoredGroups, FactoredRows};
-use crate::methods::Method;
+use crate::fitted_groups::FittedGroups;
+use crate::grouped_rows::GroupedRows;
 use crate::model::Model;
 use crate::passes::Workers;
 use crate::quality::AxisQuality;
@@ -29,7 +29,6 @@ use crate::validation::cross_validation::{CrossValidation, cross_validate};
 use crate::validation::factored;
 use crate::validation::grouped::SumsByGroup;
 use crate::validation::selection::{self, Advice, Candidate, Selection};
-use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
 
 /// The reduced form of rows, in memory and in a document.
@@ -168,9 +167,8 @@ pub enum GroupedSums {
     Exact(SumsByGroup),
     /// R factors.
     Factored(FactoredGroups),
-    /// The rows with their labels, for Huber's estimator: the weight of a row depends on the fit,
-    /// so sums of rows that one fit has clipped do not apply to a fit without a group.
-    Rows(Block),
+    /// The rows of each group with its label, for the covariance of a solution that is not known yet.
+    Rows(GroupedRows, Vec<String>),
 }
 
 impl GroupedSums {
@@ -179,10 +177,7 @@ impl GroupedSums {
         match self {
             Self::Exact(sums) => sums.groups.len(),
             Self::Factored(rows) => rows.groups.len(),
-            Self::Rows(block) => {
-                let with_rows = block.groups.iter().filter(|(_, rows)| *rows > 0);
-                with_rows.map(|(label, _)| label).collect::<HashSet<_>>().len()
-            }
+            Self::Rows(_, labels) => labels.len(),
         }
     }
 
@@ -199,7 +194,7 @@ impl GroupedSums {
         match self {
             Self::Exact(sums) => sums.total().map_or(0, ExactSums::rows),
             Self::Factored(rows) => rows.groups.iter().map(|(_, rows)| rows.rows()).sum(),
-            Self::Rows(block) => block.rows as u64,
+            Self::Rows(rows, _) => rows.row_count() as u64,
         }
     }
 
@@ -210,7 +205,7 @@ impl GroupedSums {
             Self::Factored(rows) => {
                 rows.groups.first().map_or(0, |(_, rows)| rows.model().channels)
             }
-            Self::Rows(block) => block.readings.len() - block.memory_columns,
+            Self::Rows(rows, _) => rows.channels(),
         }
     }
 
@@ -218,17 +213,12 @@ impl GroupedSums {
     pub fn exact(&self) -> Option<&SumsByGroup> {
         match self {
             Self::Exact(sums) => Some(sums),
-            Self::Factored(_) | Self::Rows(_) => None,
+            Self::Factored(_) | Self::Rows(..) => None,
         }
     }
 
-    /// Returns true if the rows themselves were kept.
-    pub fn are_rows(&self) -> bool {
-        matches!(self, Self::Rows(_))
-    }
-
-    /// The errors of `model` with λ = `ridge` on each group, or each of `folds` folds of groups,
-    /// each from a fit without it.
+    /// The errors of `model` with λ = `ridge` on each group, or each of `folds` folds of groups, each from a
+    /// fit without it.
     ///
     /// # Errors
     /// [`FitError`] if there are too few groups, or no fold leaves enough rows to fit;
@@ -242,7 +232,7 @@ impl GroupedSums {
         match self {
             Self::Exact(sums) => cross_validate(sums, model, ridge, folds),
             Self::Factored(rows) => factored::cross_validate(rows, model, ridge, folds),
-            Self::Rows(_) => Err(FitError::NoGroupSums),
+            Self::Rows(..) => Err(FitError::NoGroupSums),
         }
     }
 
@@ -265,7 +255,7 @@ impl GroupedSums {
                 Ok((tried.selection, Some(advice)))
             }
             Self::Factored(rows) => Ok((factored::select(rows, intercept, ridges)?, None)),
-            Self::Rows(_) => Err(FitError::NoGroupSums),
+            Self::Rows(..) => Err(FitError::NoGroupSums),
         }
     }
 
@@ -285,16 +275,16 @@ impl GroupedSums {
         Ok(given.map(|given| Advice::new(&tried, Some(given))))
     }
 
-    /// The covariance of a solution by `method` of all these rows, with errors that are correlated
-    /// within groups. `ridge` is the requested value. If groups are blocks of time, `stretches`
-    /// lists the ranges of groups that are held out together; exact sums hold out each group alone.
+    /// The covariance of a solution by `solver` of all these rows, with errors that are correlated within
+    /// groups. `ridge` is the requested value. If groups are blocks of time, `stretches` lists the ranges
+    /// of groups that are held out together; exact sums hold out each group alone.
     ///
     /// # Errors
     /// [`FitError`] if there are too few groups, or the model cannot be fitted without one of them.
     pub fn covariance(
         &self,
         solution: &Solution,
-        (method, ridge): (Method, f64),
+        (solver, ridge): (SolverKind, f64),
         stretches: Option<&[Range<usize>]>,
         workers: Workers<'_>,
     ) -> Result<Covariance, FitError> {
@@ -304,9 +294,17 @@ impl GroupedSums {
                 Covariance::from_groups(sums, &solution.model, ridge, are_stretches, workers)
             }
             Self::Factored(rows) => {
-                Covariance::from_factored(rows, stretches, solution, (method, ridge), workers)
+                let groups = FittedGroups::from_factors(rows, solution, workers)?;
+                Covariance::from_fitted(&groups, stretches, solution.rows, workers)
             }
-            Self::Rows(block) => Covariance::from_clipped_groups(block, solution, ridge, workers),
+            Self::Rows(rows, labels) if solver == SolverKind::Huber => {
+                let block = rows.to_block(labels);
+                Covariance::from_clipped_groups(&block, solution, ridge, workers)
+            }
+            Self::Rows(rows, labels) => {
+                let groups = FittedGroups::from_rows(rows, labels, solution, workers)?;
+                Covariance::from_fitted(&groups, stretches, solution.rows, workers)
+            }
         }
     }
 }

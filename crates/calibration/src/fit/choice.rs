@@ -5,18 +5,16 @@ use std::ops::Range;
 
 use super::options::{CovarianceRule, FitOptions, ModelRule};
 use super::refits::{
-    self, FOLDS, HeldOutFolds, MOST_ALONE, MOST_COMPARED, few_by_fold, rows_in_one,
-    select_by_normal_equations, sum_groups, sum_groups_or_sets,
+    self, FOLDS, HeldOutFolds, MOST_ALONE, MOST_COMPARED, few_by_fold, select_by_normal_equations,
+    sum_groups, sum_groups_or_sets,
 };
 use super::warning::{FewGroups, Warning};
 use crate::groups::{FoundGroups, GroupBy, HeldOut, label_groups, label_poses, stretches_of_files};
 use least_squares::error::FitError;
-use least_squares::factored::FactoredGroups;
 use least_squares::grouped_rows::GroupedRows;
 use least_squares::grouped_rows::MAX_GROUPS;
 use least_squares::model::{Basis, Model};
 use least_squares::random_split::RandomSplit;
-use least_squares::scaling::Scaling;
 use least_squares::solver::SolverKind;
 use least_squares::sums::GroupedSums;
 use least_squares::validation::cross_validation::CrossValidation;
@@ -63,8 +61,7 @@ impl ModelChoice {
     }
 
     pub(super) fn found_groups(&self) -> Option<FoundGroups> {
-        let are_sums = self.covariance_sums().is_some_and(|sums| !sums.are_rows());
-        let is_used = are_sums || self.sums.is_some() || self.cross_validation.is_some();
+        let is_used = self.covariance_sums().is_some() || self.cross_validation.is_some();
         self.group_by.as_ref().filter(|_| is_used)?.found()
     }
 
@@ -130,10 +127,10 @@ impl FitInput<'_> {
 /// | --- | --- | --- |
 /// | family of features | exact sums, whatever the solver | normal equations by fold: three digits are enough |
 /// | held-out errors | exact sums, if the solver is exact or the family was chosen | R factors by fold; Huber's estimator fits again |
-/// | covariance by group | exact sums, if the solver is exact | R factors by group; Huber's estimator keeps the rows |
+/// | covariance by group | exact sums, if the solver is exact | the rows, once the solution is known |
 ///
 /// Solvers other than the exact one use the last column for all rows, except to choose the family. If files
-/// of motion were held out, the covariance comes from R factors of blocks of time in these files.
+/// of motion were held out, the covariance comes from blocks of time in these files.
 ///
 /// # Errors
 /// [`FitError`] if rows cannot be summed, or there are no groups to hold out.
@@ -177,9 +174,9 @@ pub(super) fn choose(input: FitInput<'_>) -> Result<ModelChoice, FitError> {
     }
     let sums_serve = options.solver == SolverKind::Exact && choice.sums.is_some();
     if choice.by_group && !sums_serve {
-        options.sum_for_solver(&mut choice, &rows)?;
+        options.keep_for_solver(&mut choice, &rows);
     }
-    options.sum_stretches_of_files(&mut choice)?;
+    options.keep_stretches_of_files(&mut choice);
     Ok(choice)
 }
 
@@ -309,61 +306,30 @@ impl FitOptions<'_> {
         if self.ridge > 0.0 { std::slice::from_ref(&self.ridge) } else { &selection::RIDGES }
     }
 
-    /// R factors by group. `None`, with the reason in `choice`, if the groups do not allow them,
-    /// which is an error only if standard errors by group are requested explicitly.
-    fn factor_groups(
-        &self,
-        choice: &mut ModelChoice,
-        data: &Dataset,
-    ) -> Result<Option<GroupedSums>, FitError> {
-        self.workers.start("R factors by group");
-        let model = Model { intercept: true, ..self.model_of(data, choice.basis) };
-        model.check_size()?;
-        let sample = data.logs.first().map_or(&[][..], |log| &log.sample.readings);
-        let by = (model, Scaling::from_sample(sample, true));
-        let (rows, labels) = GroupedRows::from_labels(data);
-        match FactoredGroups::from_rows(&rows, labels, by, self.workers) {
-            Err(reason) if reason.is_about_groups() => {
-                (choice.by_group, choice.not_grouped) = (false, Some(reason));
-                Ok(None)
-            }
-            rows => Ok(Some(GroupedSums::Factored(rows?))),
-        }
-    }
-
-    /// Takes standard errors and intervals from blocks of time in the files, if files of motion
-    /// were held out.
-    fn sum_stretches_of_files(&self, choice: &mut ModelChoice) -> Result<(), FitError> {
+    /// Takes standard errors and intervals from blocks of time in the files, if files of motion were held out.
+    fn keep_stretches_of_files(&self, choice: &mut ModelChoice) {
         let is_served = self.validates()
             && self.covariance == CovarianceRule::Auto
             && self.solver != SolverKind::Huber
             && choice.group_by == Some(GroupBy::File);
-        let Some(rows) = choice.labelled.as_ref().filter(|_| is_served) else { return Ok(()) };
-        let Some((rows, files)) = stretches_of_files(rows) else { return Ok(()) };
+        let Some(rows) = choice.labelled.as_ref().filter(|_| is_served) else { return };
+        let Some((rows, files)) = stretches_of_files(rows) else { return };
         let most = files.len().div_ceil(FOLDS);
         choice.stretches = Some(match files.len() {
             0..=MOST_ALONE => files,
             _ => files.chunks(most).map(|of| of[0].start..of[of.len() - 1].end).collect(),
         });
         choice.by_group = true;
-        choice.own_sums = self.factor_groups(choice, &rows)?;
-        Ok(())
+        choice.own_sums = Some(rows_by_group(&rows));
     }
 
-    /// Keeps the sums or rows for the solver's standard errors by group, if it cannot use the sums
-    /// of the held-out groups.
-    fn sum_for_solver(&self, choice: &mut ModelChoice, rows: &Dataset) -> Result<(), FitError> {
-        let own_sums = match self.solver {
-            SolverKind::Huber => Some(GroupedSums::Rows(rows_in_one(rows))),
-            _ => self.factor_groups(choice, rows)?,
-        };
-        if let Some(sums) = &own_sums {
-            let model = self.model_of(rows, choice.basis);
-            self.test_group_count(choice, &model, sums.groups());
-            choice.set_stretches(sums, &model);
-        }
-        choice.own_sums = own_sums;
-        Ok(())
+    /// Keeps the sums or rows for the solver's standard errors by group, if it cannot use the sums of the
+    /// held-out groups.
+    fn keep_for_solver(&self, choice: &mut ModelChoice, rows: &Dataset) {
+        let (sums, model) = (rows_by_group(rows), self.model_of(rows, choice.basis));
+        self.test_group_count(choice, &model, sums.groups());
+        choice.set_stretches(&sums, &model);
+        choice.own_sums = Some(sums);
     }
 
     /// Tests whether this number of groups can show the scatter of the coefficients of `model`.
@@ -375,4 +341,9 @@ impl FitOptions<'_> {
             choice.few_groups = FewGroups::new(model.term_count(), groups);
         }
     }
+}
+
+fn rows_by_group(data: &Dataset) -> GroupedSums {
+    let (rows, labels) = GroupedRows::from_labels(data);
+    GroupedSums::Rows(rows, labels)
 }

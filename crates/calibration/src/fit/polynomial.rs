@@ -14,7 +14,6 @@ use super::{Fit, FitMethod};
 use crate::conversion::Calibration;
 use crate::validation::outliers::{RowTest, Spread, TestedRow};
 use least_squares::error::FitError;
-use least_squares::methods::Method;
 use least_squares::passes::Rows;
 use least_squares::solver::{Solution, SolverKind};
 use least_squares::sums::{GroupedSums, RowSums, SolvedSums};
@@ -38,7 +37,7 @@ fn covariance(
     let by_rows = || Covariance::from_rows(solution);
     let sums = choice.covariance_sums().filter(|_| choice.by_group);
     let Some(sums) = sums else { return (by_rows(), None) };
-    let by = (Method { solver, truncate: options.truncate }, choice.ridge);
+    let by = (solver, choice.ridge);
     let found = sums.covariance(solution, by, choice.stretches.as_deref(), options.workers);
     match found {
         Ok(covariance) => (Some(covariance), None),

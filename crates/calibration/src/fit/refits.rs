@@ -93,15 +93,7 @@ pub(super) fn fold_of_groups(rows: &GroupedRows, folds: usize) -> Result<Vec<usi
     Ok(fold_of)
 }
 
-pub(super) fn rows_in_one(data: &Dataset) -> Block {
-    let mut all = Block::default();
-    for (_, block) in data.blocks() {
-        all.append(&block.rows, 0..block.rows.rows);
-        all.groups.extend_from_slice(&block.labels);
-    }
-    all
-}
-
+/// Errors on each fold of groups, by fits without it.
 pub(super) type HeldOutFolds = Vec<PerAxis<HeldOutErrors>>;
 
 /// Errors on groups of labelled rows, with each fold held out in turn, and on random rows, unless

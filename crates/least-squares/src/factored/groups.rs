@@ -1,25 +1,15 @@
-//! R factors by group, and the [scatter](crate::sandwich) of coefficients over the groups: with
-//! `M = R·F` for a group, `K_g = MᵀM` and `u_g = Mᵀ(Z − R·C)`, with errors of about κ(X)·2⁻⁵³.
+//! R factors by group.
 
 use std::collections::HashMap;
-use std::ops::Range;
-use std::sync::Arc;
-
-use faer::{Mat, MatRef};
 
 use super::rows::FactoredRows;
 use crate::error::FitError;
 use crate::grouped_rows::MAX_GROUPS;
 use crate::grouped_rows::{GroupedRows, Run};
 use crate::model::Model;
-use crate::passes::{Workers, map, on_threads};
-use crate::sandwich::{GroupScatter, ScatterSums, corrected_rows};
-use crate::satterthwaite;
+use crate::passes::{Workers, map};
 use crate::scaling::Scaling;
-use crate::solution::Solution;
-use crate::symmetric::UpperTriangle;
 use shell_data::block::Block;
-use shell_data::wrench::PerAxis;
 
 const MEMORY: usize = 512 << 20;
 
@@ -85,7 +75,7 @@ impl GroupFactors {
             return Ok(position);
         }
         let position = self.groups.len();
-        self.empty.check_group_count(position + 1)?;
+        check_group_count(position + 1, self.empty.r_factor.whole().ncols())?;
         let group =
             Group { label: label.to_owned(), rows: self.empty.clone(), waiting: Block::default() };
         self.groups.push(group);
@@ -112,17 +102,14 @@ impl Group {
     }
 }
 
-impl FactoredRows {
-    /// # Errors
-    /// [`FitError::TooManyGroups`] if that many groups take too much memory.
-    fn check_group_count(&self, groups: usize) -> Result<(), FitError> {
-        let order = self.r_factor.whole().ncols();
-        let limit = MAX_GROUPS.min(MEMORY / (order * order * size_of::<f64>()));
-        if groups > limit {
-            return Err(FitError::TooManyGroups { limit });
-        }
-        Ok(())
+/// # Errors
+/// [`FitError::TooManyGroups`] if matrices of this order for that many groups take too much memory.
+pub(crate) fn check_group_count(groups: usize, order: usize) -> Result<(), FitError> {
+    let limit = MAX_GROUPS.min(MEMORY / (order * order * size_of::<f64>()));
+    if groups > limit {
+        return Err(FitError::TooManyGroups { limit });
     }
+    Ok(())
 }
 
 impl FactoredGroups {
@@ -137,7 +124,7 @@ impl FactoredGroups {
         workers: Workers<'_>,
     ) -> Result<Self, FitError> {
         let empty = FactoredRows::new(model, scaling);
-        empty.check_group_count(labels.len())?;
+        check_group_count(labels.len(), empty.r_factor.whole().ncols())?;
         let factor = |runs: &&[Run]| {
             let mut factored = empty.clone();
             let mut blocks = rows.copied(runs, empty.r_factor.block_rows());
@@ -153,19 +140,8 @@ impl FactoredGroups {
         FactoredRows::merged(self.groups.iter().map(|(_, rows)| rows))
     }
 
-    /// Merges neighbouring groups: each group of the result has the rows of one of the ranges,
-    /// which must not be empty.
-    pub fn merged(&self, ranges: &[Range<usize>]) -> Self {
-        let merge = |range: &Range<usize>| {
-            let (label, mut all) = self.groups[range.start].clone();
-            self.groups[range.clone()].iter().skip(1).for_each(|(_, rows)| all.merge(rows));
-            (label, all)
-        };
-        Self { groups: ranges.iter().map(merge).collect() }
-    }
-
-    /// For each group, merges all others; `None` with fewer than two groups. Works from both ends:
-    /// nothing is subtracted, and no group is merged more than four times.
+    /// For each group, merges all others; `None` with fewer than two groups. Works from both ends: nothing is
+    /// subtracted, and no group is merged more than four times.
     pub fn without_each(&self) -> Option<Vec<FactoredRows>> {
         let merged = |earlier: &FactoredRows, later: &FactoredRows| {
             let mut all = earlier.clone();
@@ -188,91 +164,6 @@ impl FactoredGroups {
         others.push(before);
         Some(others)
     }
-
-    /// The scatter of the coefficients of a solution over these groups, without the group
-    /// `held_out`, on `threads` threads, on request with its degrees of freedom. The groups must be
-    /// all rows of the fit. Omits the bias from a ridge or a truncation.
-    ///
-    /// # Errors
-    /// [`FitError`] if some group alone determines a coefficient, or the features are too nearly
-    /// dependent.
-    pub fn scatter(
-        &self,
-        solution: &Solution,
-        held_out: Option<usize>,
-        with_degrees: bool,
-        threads: usize,
-    ) -> Result<GroupScatter, FitError> {
-        let others =
-            self.groups.iter().enumerate().filter(|(position, _)| Some(*position) != held_out);
-        let others = others.map(|(_, group)| group).filter(|(_, rows)| rows.rows() > 0);
-        let (labels, groups): (Vec<_>, Vec<_>) = others.map(|(label, rows)| (label, rows)).unzip();
-        let factor = &solution.factor;
-        let combinations =
-            if with_degrees { satterthwaite::coefficients(solution) } else { Vec::new() };
-        let mut sums = ScatterSums::new(solution, combinations.len());
-        // Each group with factor and coefficients relative to its centre.
-        let mut items = Vec::with_capacity(groups.len());
-        for run in by_centre(&groups, solution) {
-            let (groups, change) = run.ok_or(FitError::NearlyDependent)?;
-            let parts = Arc::new((&change * factor, &change * &solution.coefficients));
-            items.extend(groups.iter().map(|rows| (*rows, Arc::clone(&parts))));
-        }
-        let adds_up = sums.defect.is_some();
-        let work = |(): &mut (), (rows, parts): &(&FactoredRows, Arc<_>)| {
-            let (factors, coefficients): &(Mat<f64>, Mat<f64>) = parts;
-            let (r, z) = rows.r_factor.significant_rows();
-            let (columns, misfit) = (&r * factors, z - &r * coefficients);
-            let found = corrected_rows(columns.as_ref(), misfit.as_ref(), adds_up, &combinations)?;
-            Ok((found, rows.errors_of(coefficients.as_ref())))
-        };
-        let mut labels = labels.into_iter();
-        let add = |((share, score), errors): ((Option<_>, _), _)| {
-            share.iter().for_each(|share| sums.take_off(share));
-            sums.add(labels.next().expect("a label for each group"), score, &errors);
-            Ok(())
-        };
-        on_threads(&items, |_| 0, Workers::new(threads), || (), work, add)?;
-        sums.finish(&UpperTriangle::new(factor))
-    }
-
-    /// Mean variance of predictions on each group from coefficients with this `scatter`.
-    pub fn variances(
-        &self,
-        groups: Range<usize>,
-        solution: &Solution,
-        scatter: &GroupScatter,
-    ) -> Option<Vec<PerAxis<f64>>> {
-        let rows: Vec<_> = self.groups[groups].iter().map(|(_, rows)| rows).collect();
-        let mut variances = Vec::with_capacity(rows.len());
-        for run in by_centre(&rows, solution) {
-            let (groups, change) = run?;
-            let factors = scatter.factors.each_ref().map(|factor| &change * without_zeros(factor));
-            variances.extend(groups.iter().map(|rows| {
-                let (count, (r, _)) = (rows.rows().max(1) as f64, rows.r_factor.significant_rows());
-                factors.each_ref().map(|factor| (&r * factor).squared_norm_l2() / count)
-            }));
-        }
-        Some(variances)
-    }
-}
-
-/// Columns of `T` from the first nonzero one; as many as groups, if these are fewer than features.
-fn without_zeros(factor: &Mat<f64>) -> MatRef<'_, f64> {
-    let zeros = factor.col_iter().take_while(|column| column.norm_max() == 0.0).count();
-    factor.as_ref().subcols(zeros, factor.ncols() - zeros)
-}
-
-/// Splits groups into runs of neighbours with the same centre, each with the matrix that expresses
-/// the features of a solution in those of the run; `None` if the run lacks some of them. Groups of
-/// merged recordings differ in their centres; other groups share one.
-fn by_centre<'a, 'b>(
-    groups: &'a [&'b FactoredRows],
-    solution: &Solution,
-) -> impl Iterator<Item = Option<(&'a [&'b FactoredRows], Mat<f64>)>> {
-    let Solution { model, scaling, .. } = solution;
-    let runs = groups.chunk_by(|a, b| a.scaling() == b.scaling());
-    runs.map(move |run| Some((run, run[0].change(model, scaling)?)))
 }
 
 #[cfg(test)]
@@ -280,12 +171,14 @@ mod tests {
     use super::*;
     use crate::factored::GroupFactors;
     use crate::features::Features;
+    use crate::fitted_groups::FittedGroups;
     use crate::model::{Basis, Model};
     use crate::passes::Workers;
     use crate::scaling::Scaling;
+    use crate::solution::Solution;
     use crate::solver::{self, FitProblem, SolverKind};
     use crate::uncertainty::Covariance;
-    use faer::Side;
+    use faer::{Mat, Side};
     use shell_data::block::Block;
     use system_tests::random::Random;
 
@@ -373,7 +266,8 @@ mod tests {
             features.fill(&block.readings, 0..n, &mut columns, n);
             let x = Mat::from_fn(n, p, |row, j| columns[j * n + row]);
             let (variances, products) = dense(&x, &block);
-            let found = groups.scatter(&solution, None, true, 1).unwrap();
+            let groups = FittedGroups::from_factors(&groups, &solution, Workers::ONE).unwrap();
+            let found = groups.scatter(true, Workers::ONE).unwrap();
             assert_eq!(found.groups, 40);
             // Both methods determine the directions of the features to ε·κ; sums of about a hundred
             // rounding errors.
@@ -453,8 +347,8 @@ mod tests {
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
         let (solution, mut groups) = fitted(&block, model);
         let refused = |groups: &FactoredGroups| {
-            let method = (SolverKind::Tsqr.into(), 0.0);
-            Covariance::from_factored(groups, None, &solution, method, Workers::ONE).unwrap_err()
+            let groups = FittedGroups::from_factors(groups, &solution, Workers::ONE).unwrap();
+            Covariance::from_fitted(&groups, None, solution.rows, Workers::ONE).unwrap_err()
         };
         assert_eq!(refused(&groups), FitError::Alone { groups: vec!["4".to_owned()] });
         groups.groups.truncate(1);

@@ -21,5 +21,6 @@ mod groups;
 mod rows;
 mod stored;
 
+pub(crate) use self::groups::check_group_count;
 pub use self::groups::{FactoredGroups, GroupFactors};
 pub use self::rows::FactoredRows;

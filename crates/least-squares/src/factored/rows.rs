@@ -23,7 +23,7 @@ pub struct FactoredRows {
     pub(super) features: Features,
     /// The number of rows, and the range of each channel.
     pub ranges: ReadingRanges,
-    pub(super) r_factor: RFactor,
+    pub(crate) r_factor: RFactor,
 }
 
 impl FactoredRows {

@@ -31,31 +31,55 @@ impl SymmetricMatrix {
 impl Eigen {
     /// The eigenvector of a value.
     pub fn vector(&self, position: usize) -> Vec<f64> {
-        let mut vector = vec![0.0; self.values.len()];
-        vector[position] = 1.0;
+        let mut vector = vec![[0.0; TOGETHER]; self.values.len()];
+        vector[position][0] = 1.0;
         self.turn_back(&mut vector);
-        vector
+        vector.into_iter().map(|lanes| lanes[0]).collect()
     }
 
-    /// Replaces `x` with `Zᵀ·x`.
-    pub fn turn(&self, x: &mut [f64]) {
-        for (k, reflection) in self.reflections.iter().enumerate() {
-            reflection.apply(&mut x[k + 1..]);
+    /// Replaces each vector `x` with `Zᵀ·x`.
+    pub fn turn(&self, x: &mut [Lanes]) {
+        turn(self, x);
+    }
+
+    /// Replaces each vector `x` with `Z·x`.
+    pub fn turn_back(&self, x: &mut [Lanes]) {
+        turn_back(self, x);
+    }
+}
+
+/// Number of vectors that are transformed together: a rotation needs the result of the one before, so more
+/// vectors take no longer than one.
+pub(crate) const TOGETHER: usize = 8;
+
+/// An element of each vector.
+pub(crate) type Lanes = [f64; TOGETHER];
+
+vectorised! {
+    fn turn(eigen: &Eigen, x: &mut [Lanes]) {
+        for (k, reflection) in eigen.reflections.iter().enumerate() {
+            reflection.apply_lanes(&mut x[k + 1..]);
         }
-        for &(i, cos, sin) in &self.rotations {
-            (x[i], x[i + 1]) = (cos * x[i] - sin * x[i + 1], sin * x[i] + cos * x[i + 1]);
+        for &(i, cos, sin) in &eigen.rotations {
+            rotate(x, i, cos, -sin);
         }
     }
 
-    /// Replaces `x` with `Z·x`.
-    pub fn turn_back(&self, x: &mut [f64]) {
-        for &(i, cos, sin) in self.rotations.iter().rev() {
-            (x[i], x[i + 1]) = (cos * x[i] + sin * x[i + 1], cos * x[i + 1] - sin * x[i]);
+    fn turn_back(eigen: &Eigen, x: &mut [Lanes]) {
+        for &(i, cos, sin) in eigen.rotations.iter().rev() {
+            rotate(x, i, cos, sin);
         }
-        for (k, reflection) in self.reflections.iter().enumerate().rev() {
-            reflection.apply(&mut x[k + 1..]);
+        for (k, reflection) in eigen.reflections.iter().enumerate().rev() {
+            reflection.apply_lanes(&mut x[k + 1..]);
         }
     }
+}
+
+#[inline(always)]
+fn rotate(x: &mut [Lanes], i: usize, cos: f64, sin: f64) {
+    let (a, b) = (x[i], x[i + 1]);
+    x[i] = std::array::from_fn(|lane| cos * a[lane] + sin * b[lane]);
+    x[i + 1] = std::array::from_fn(|lane| cos * b[lane] - sin * a[lane]);
 }
 
 vectorised! {
@@ -162,6 +186,29 @@ impl Reflection {
     #[inline(always)]
     pub(super) fn apply(&self, x: &mut [f64]) {
         add_multiple(x, -self.beta * product(&self.v, x), &self.v);
+    }
+
+    #[inline(always)]
+    fn apply_lanes(&self, x: &mut [Lanes]) {
+        // Four parallel sums, as in `product`.
+        let mut sums = [[0.0; TOGETHER]; 4];
+        let ((v, v_rest), (fours, rest)) = (self.v.as_chunks::<4>(), x.as_chunks::<4>());
+        for (v, x) in v.iter().zip(fours) {
+            for (sum, (v, x)) in sums.iter_mut().zip(v.iter().zip(x)) {
+                sum.iter_mut().zip(x).for_each(|(sum, x)| *sum += v * x);
+            }
+        }
+        let [p, q, r, s] = sums;
+        let mut last = [0.0; TOGETHER];
+        for (v, x) in v_rest.iter().zip(rest) {
+            last.iter_mut().zip(x).for_each(|(sum, x)| *sum += v * x);
+        }
+        let share: Lanes = std::array::from_fn(|lane| {
+            -self.beta * ((p[lane] + q[lane]) + (r[lane] + s[lane]) + last[lane])
+        });
+        for (x, v) in x.iter_mut().zip(&self.v) {
+            x.iter_mut().zip(share).for_each(|(x, share)| *x += share * v);
+        }
     }
 
     /// Replaces `A` with `H·A·H`.

@@ -8,8 +8,8 @@ mod squares;
 
 use faer::{Mat, MatRef};
 
-pub(crate) use self::eigen::Eigen;
 use self::eigen::Reflection;
+pub(crate) use self::eigen::{Eigen, TOGETHER};
 use shell_data::vectorised;
 
 /// The upper triangle of a symmetric matrix, row by row.
@@ -52,6 +52,20 @@ impl SymmetricMatrix {
     #[inline]
     pub fn row_mut(&mut self, row: usize) -> &mut [f64] {
         &mut self.upper[first(self.size, row)..][..self.size - row]
+    }
+
+    /// Adds another matrix.
+    pub fn add(&mut self, other: &Self) {
+        add_multiple(&mut self.upper, 1.0, &other.upper);
+    }
+
+    /// Computes the trace of the product with another matrix.
+    pub fn trace_of_product(&self, other: &Self) -> f64 {
+        let of_row = |i: usize| {
+            let (own, other) = (self.row(i), other.row(i));
+            2.0 * product(own, other) - own[0] * other[0]
+        };
+        (0..self.size).map(of_row).sum()
     }
 
     /// Computes `A·x`.
@@ -338,15 +352,16 @@ mod tests {
         order.sort_by(|&i, &j| eigen.values[i].total_cmp(&eigen.values[j]));
         for (expected, &position) in expected.iter().zip(&order) {
             assert!((eigen.values[position] - expected).abs() <= 1e-13 * largest);
-            let mut vector = eigen.vector(position);
+            let vector = eigen.vector(position);
             assert!((product(&vector, &vector) - 1.0).abs() < 1e-13);
             for row in 0..size {
                 let turned: f64 = (0..size).map(|k| theirs[(row, k)] * vector[k]).sum();
                 assert!((turned - eigen.values[position] * vector[row]).abs() <= 1e-12 * largest);
             }
-            eigen.turn(&mut vector);
-            for (i, x) in vector.into_iter().enumerate() {
-                assert!((x - f64::from(u8::from(i == position))).abs() < 1e-13);
+            let mut lanes: Vec<_> = vector.into_iter().map(|x| [x; TOGETHER]).collect();
+            eigen.turn(&mut lanes);
+            for (i, x) in lanes.into_iter().enumerate() {
+                assert!(x.iter().all(|x| (x - f64::from(u8::from(i == position))).abs() < 1e-13));
             }
         }
     }

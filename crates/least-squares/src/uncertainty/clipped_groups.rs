@@ -8,17 +8,18 @@
 //! because an interval must cover rows as they are.
 
 use super::covariance::Covariance;
-use super::new_groups::{of_scores, score_on};
+use super::new_groups::{of_scores, score_of};
 use crate::error::FitError;
-use crate::factored::{FactoredGroups, GroupFactors};
+use crate::fitted_groups::FittedGroups;
+use crate::grouped_rows::GroupedRows;
 use crate::methods::clip_of_sizes as clip_of;
 use crate::passes::Workers;
 use crate::polynomial::Polynomial;
 use crate::reading_ranges::ReadingRanges;
-use crate::scaling::Scaling;
 use crate::solver::{self, FitProblem, Solution, SolverKind};
 use shell_data::block::Block;
-use shell_data::wrench::PerAxis;
+use shell_data::dataset::Dataset;
+use shell_data::wrench::{Axes, PerAxis};
 
 impl Covariance {
     /// The covariance of a solution by Huber's M-estimator of all rows of `block`, with errors that
@@ -32,27 +33,32 @@ impl Covariance {
         ridge: f64,
         workers: Workers<'_>,
     ) -> Result<Self, FitError> {
-        let rows = factored(block, solution)?;
-        let clipped = factored(&clipped(block, solution)?, solution)?;
+        let rows = grouped(block);
+        let clipped = clipped(block, solution)?;
+        let clipped = FittedGroups::from_rows(&grouped(&clipped).0, &rows.1, solution, workers)?;
         let score = |group: usize| {
-            let rest = without(block, &rows.groups[group].0);
+            let label = &rows.1[group..=group];
+            let rest = part(block, |of| *of != label[0]);
             let problem =
                 FitProblem { model: solution.model, scaling: solution.scaling.clone(), ridge };
             let (without, _) = solver::fit(SolverKind::Huber, problem, &(&rest).into()).ok()?;
-            let others = factored(&self::clipped(&rest, &without).ok()?, solution).ok()?;
-            let scatter = others.scatter(&without, None, false, 1).ok()?;
-            score_on(&rows, group, &without, &scatter)
+            let (others, labels) = grouped(&self::clipped(&rest, &without).ok()?);
+            let one = Workers::ONE;
+            let others = FittedGroups::from_rows(&others, &labels, &without, one).ok()?;
+            let scatter = others.scatter(false, one).ok()?;
+            let (held_out, _) = grouped(&part(block, |of| *of == label[0]));
+            let held_out = FittedGroups::from_rows(&held_out, label, &without, one).ok()?;
+            let variance = held_out.variance(0, &scatter);
+            Some(score_of(&held_out.errors(0), &variance, &scatter, without.rows))
         };
-        let intervals = |_: &_| of_scores(rows.groups.len(), workers, score);
-        Self::from_r_factors(&clipped, solution, workers, intervals)
+        let intervals = |_: &_| of_scores(rows.1.len(), workers, score);
+        Self::with_intervals(&clipped, solution.rows, workers, intervals)
     }
 }
 
-fn factored(block: &Block, solution: &Solution) -> Result<FactoredGroups, FitError> {
-    let scaling = Scaling::from_sample(&block.readings, true);
-    let mut groups = GroupFactors::new(solution.model, scaling);
-    groups.add(block, &block.groups)?;
-    groups.finish()
+/// The rows by group, with the labels.
+fn grouped(block: &Block) -> (GroupedRows, Vec<String>) {
+    GroupedRows::from_labels(&Dataset::from_blocks("rows", Axes::ALL, vec![block.clone()]))
 }
 
 /// The rows with pseudo-responses in place of the wrench.
@@ -74,9 +80,10 @@ fn clipped(block: &Block, solution: &Solution) -> Result<Block, FitError> {
     Ok(pseudo)
 }
 
-fn without(block: &Block, label: &str) -> Block {
+/// The rows of some groups.
+fn part(block: &Block, is_in: impl Fn(&String) -> bool) -> Block {
     let keep: Vec<bool> = (block.groups.iter())
-        .flat_map(|(of_run, rows)| std::iter::repeat_n(of_run != label, *rows))
+        .flat_map(|(label, rows)| std::iter::repeat_n(is_in(label), *rows))
         .collect();
     block.kept(&keep)
 }
@@ -85,6 +92,7 @@ fn without(block: &Block, label: &str) -> Block {
 mod tests {
     use super::*;
     use crate::model::{Basis, Model};
+    use crate::scaling::Scaling;
     use crate::uncertainty::CoefficientCovariance;
     use system_tests::random::Random;
 
@@ -141,14 +149,9 @@ mod tests {
                     Covariance::from_clipped_groups(block, &solution, 0.0, Workers::ONE)
                 }
                 _ => {
-                    let rows = factored(block, &solution).unwrap();
-                    Covariance::from_factored(
-                        &rows,
-                        None,
-                        &solution,
-                        (SolverKind::Tsqr.into(), 0.0),
-                        Workers::ONE,
-                    )
+                    let ((rows, labels), one) = (grouped(block), Workers::ONE);
+                    let rows = FittedGroups::from_rows(&rows, &labels, &solution, one).unwrap();
+                    Covariance::from_fitted(&rows, None, solution.rows, one)
                 }
             };
             let found = found.unwrap();

@@ -5,10 +5,9 @@ use std::ops::Range;
 
 use super::group_intervals::GroupIntervals;
 use super::interval::{ErrorShape, NoIntervals};
-use super::new_groups::{MOST_GROUPS, each, of_scores, score_of, score_on, score_without};
+use super::new_groups::{of_scores, score_of, score_without};
 use super::quantile::{normal_quantile, student_quantile};
-use crate::factored::FactoredGroups;
-use crate::methods::Method;
+use crate::fitted_groups::FittedGroups;
 use crate::model::Model;
 use crate::passes::Workers;
 use crate::sandwich::GroupScatter;
@@ -117,66 +116,41 @@ impl Covariance {
         Ok(Self::from_scatter(found, whole.rows(), intervals))
     }
 
-    /// Like [`Covariance::from_groups`], for a solution by `method`, from R factors of its rows:
-    /// for rows that cannot be summed exactly, and methods that cannot use sums. `ridge` is the
-    /// requested value. If groups are blocks of time, `files` lists the ranges of groups that are
-    /// held out together, such as whole files.
+    /// Like [`Covariance::from_groups`], for rows that cannot be summed exactly and for other solvers. If groups
+    /// are blocks of time, `files` lists the ranges of groups that are held out together, such as whole files.
     ///
     /// # Errors
     /// As [`Covariance::from_groups`].
-    pub fn from_factored(
-        rows: &FactoredGroups,
+    pub fn from_fitted(
+        groups: &FittedGroups<'_>,
         files: Option<&[Range<usize>]>,
-        solution: &Solution,
-        (method, ridge): (Method, f64),
+        rows: u64,
         workers: Workers<'_>,
     ) -> Result<Self, FitError> {
-        let (model, groups) = (&solution.model, rows.groups.len());
-        Self::from_r_factors(rows, solution, workers, |scatter| match files {
-            // A ridge by GCV is determined again without each group.
-            None => {
-                let others = (groups <= MOST_GROUPS).then(|| rows.without_each()).flatten()?;
-                of_scores(groups, workers, |group| {
-                    let fit = others[group].solve_by(method, model, ridge).ok()?;
-                    let scatter = rows.scatter(&fit, Some(group), false, 1).ok()?;
-                    score_on(rows, group, &fit, &scatter)
-                })
-            }
-            // Rows of one file have more in common than rows of two. The expected error of a block
-            // of time comes from the fit to all rows.
+        Self::with_intervals(groups, rows, workers, |scatter| match files {
+            None => of_scores(groups.count(), workers, |group| groups.score_without(group)),
+            // Rows of one file have more in common than rows of two files. The expected error of a stretch
+            // comes from the fit to all rows.
             Some(files) => {
-                let others = rows.merged(files).without_each()?;
-                let of_file = |file: usize| {
-                    let fit = others[file].solve_by(method, model, ridge).ok()?;
-                    let variances = rows.variances(files[file].clone(), solution, scatter)?;
-                    let score = |(group, variance): (usize, PerAxis<f64>)| {
-                        let errors = rows.groups[group].1.errors(&fit)?;
-                        Some(score_of(&errors, &variance, scatter, solution.rows))
-                    };
-                    files[file].clone().zip(variances).map(score).collect::<Option<Vec<_>>>()
-                };
-                let scores: Option<Vec<_>> =
-                    each(files.len(), workers, of_file)?.into_iter().collect();
-                Some(GroupIntervals::from_files(&scores?))
+                let scores = groups.scores_of_files(files, scatter, workers)?;
+                Some(GroupIntervals::from_files(&scores))
             }
         })
     }
 
-    /// Like [`Covariance::from_groups`], from R factors; `intervals` computes intervals from the
-    /// scatter.
-    pub(super) fn from_r_factors(
-        rows: &FactoredGroups,
-        solution: &Solution,
+    /// Like [`Covariance::from_fitted`], with the intervals that `intervals` computes from the scatter.
+    pub(super) fn with_intervals(
+        groups: &FittedGroups<'_>,
+        rows: u64,
         workers: Workers<'_>,
         intervals: impl FnOnce(&GroupScatter) -> Option<GroupIntervals>,
     ) -> Result<Self, FitError> {
-        let groups = rows.groups.len();
-        if groups < 2 {
-            return Err(FitError::TooFewGroups { found: groups });
+        if groups.count() < 2 {
+            return Err(FitError::TooFewGroups { found: groups.count() });
         }
-        let found = rows.scatter(solution, None, true, workers.threads)?;
+        let found = groups.scatter(true, workers)?;
         let intervals = intervals(&found);
-        Ok(Self::from_scatter(found, solution.rows, intervals))
+        Ok(Self::from_scatter(found, rows, intervals))
     }
 
     fn from_scatter(found: GroupScatter, rows: u64, intervals: Option<GroupIntervals>) -> Self {

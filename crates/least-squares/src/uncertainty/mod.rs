@@ -35,5 +35,6 @@ mod quantile;
 pub use self::covariance::{CoefficientCovariance, Covariance};
 pub use self::group_intervals::{GroupIntervals, LEVELS, Scores, TooFewGroups};
 pub use self::interval::{ErrorShape, HIGHEST_LEVEL, NoIntervals};
+pub(crate) use self::new_groups::score_of;
 pub use self::quantile::student_quantile;
 pub use crate::symmetric::TriangularColumns;

@@ -5,12 +5,10 @@
 
 use super::group_intervals::GroupIntervals;
 use crate::exact::ExactSums;
-use crate::factored::FactoredGroups;
 use crate::held_out_errors::HeldOutErrors;
 use crate::model::Model;
 use crate::passes::{Workers, map};
 use crate::sandwich::GroupScatter;
-use crate::solver::Solution;
 use shell_data::wrench::PerAxis;
 
 /// Maximum number of groups with scores. With more groups, the scatter of the groups and the shape
@@ -28,22 +26,14 @@ pub(super) fn of_scores(
         return None;
     }
     let unknown = [(f64::INFINITY, 0.0); 6];
-    let scores = each(groups, workers, |group| score(group).unwrap_or(unknown))?;
+    // Cancelled by [`Workers::watch`], which the next pass over the rows reports.
+    let groups: Vec<_> = (0..groups).collect();
+    let scores = map(&groups, workers, |&group| Ok(score(group).unwrap_or(unknown))).ok()?;
     Some(GroupIntervals::from_groups(&scores))
 }
 
-/// Computes the `score` of each group, on all threads; `None` if [`Workers::watch`] cancels, which
-/// the next pass over the rows reports.
-pub(super) fn each<T: Send>(
-    groups: usize,
-    workers: Workers<'_>,
-    score: impl Fn(usize) -> T + Sync,
-) -> Option<Vec<T>> {
-    map(&(0..groups).collect::<Vec<_>>(), workers, |&group| Ok(score(group))).ok()
-}
-
-/// Mean and scatter of the errors of a group, in standard errors, from the fit to all others;
-/// `None` if that is impossible.
+/// Mean and scatter of the errors of a group, in standard errors, from the fit to all others; `None` if that
+/// is impossible.
 pub(super) fn score_without(
     total: &ExactSums,
     groups: &[(String, ExactSums)],
@@ -58,22 +48,9 @@ pub(super) fn score_without(
     Some(score_of(&errors, &variances[0], &scatter, fit.solution.rows))
 }
 
-/// Mean and scatter of the errors of a group from R factors, for a solution with the given
-/// `scatter` of coefficients; `None` if its features were not kept.
-pub(super) fn score_on(
-    rows: &FactoredGroups,
-    group: usize,
-    solution: &Solution,
-    scatter: &GroupScatter,
-) -> Option<PerAxis<(f64, f64)>> {
-    let errors = rows.groups[group].1.errors(solution)?;
-    let variance = rows.variances(group..group + 1, solution, scatter)?[0];
-    Some(score_of(&errors, &variance, scatter, solution.rows))
-}
-
-/// Mean and scatter of the errors of a group, in standard errors of the fit to `rows` other rows.
-/// `variance` is the variance of its rows that comes from the coefficients.
-pub(super) fn score_of(
+/// Mean and scatter of the errors of a group, in standard errors of the fit to `rows` other rows. `variance`
+/// is the variance of its rows that comes from the coefficients.
+pub(crate) fn score_of(
     errors: &PerAxis<HeldOutErrors>,
     variance: &PerAxis<f64>,
     scatter: &GroupScatter,

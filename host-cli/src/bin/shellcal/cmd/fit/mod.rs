@@ -220,7 +220,7 @@ impl FitArgs {
         let train = format!("`{}`", self.train[0].display());
         gate.ask("the calibration", limits.asked().without(axes))
             .lacks(Axes::ALL, |axes| format!("{axes}, which {train} does not have"));
-        match fitted.verdict().unseen {
+        match fitted.unseen_errors() {
             None => gate.ask("", limits.asked()).lacks(Axes::ALL, |axes| {
                 format!("{axes}, since the error on new loads is not known")
             }),
