@@ -49,6 +49,7 @@
 pub mod checksum;
 mod error;
 mod format;
+mod line;
 mod log;
 mod parse;
 mod read;

@@ -92,6 +92,7 @@ pub struct Fit {
     pub calibration: Calibration,
     /// How it was found.
     pub method: FitMethod,
+    /// The rows that were fitted, with the labels of their groups if these are known.
     pub used: Dataset,
     /// The test rows that were used.
     pub tested: Dataset,

@@ -4,7 +4,6 @@
 use super::examination::{FaultPlace, TestRatio};
 use super::outcome::Outcome;
 use super::verdict::{FrameInterval, UnseenRows, Verdict};
-use crate::validation::excitation::Gap;
 use least_squares::quality::significant;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::Axis;
@@ -182,22 +181,6 @@ pub(super) fn test_words(
         said += &format!("; {outside} of {rows} rows out of range");
     }
     said
-}
-
-/// The next step: against a gap in the loads or, without one, the errors as shares of the range of loads;
-/// `None` if neither is known.
-pub(super) fn next_words(
-    gap: Option<&Gap>,
-    shares: impl Iterator<Item = (Axis, f64)>,
-) -> Option<String> {
-    let largest = || {
-        let (axis, _) = shares.max_by(|a, b| a.1.total_cmp(&b.1))?;
-        let axis = axis.name();
-        Some(format!(
-            "record more poses with large loads on {axis}, the axis with the largest relative error"
-        ))
-    };
-    gap.map(Gap::to_string).or_else(largest)
 }
 
 /// Number of days on which rows were recorded, if their times are calendar times.

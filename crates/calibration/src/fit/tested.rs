@@ -4,7 +4,8 @@
 use super::evaluation::Evaluation;
 use super::examination::{Examination, Promise};
 use super::parts::spread;
-use super::screen::{Screen, axis_row, next_words, test_words};
+use super::screen::{Screen, axis_row, test_words};
+use super::verdict::next_words;
 use super::verdict::{FrameInterval, useless_axes};
 use crate::conversion::Calibration;
 use crate::dynamics::Dynamics;

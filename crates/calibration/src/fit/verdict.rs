@@ -2,7 +2,7 @@
 //! to record next.
 
 use super::examination::{Examination, Fault, FaultPlace};
-use super::{Fit, FitMethod, screen};
+use super::{Fit, FitMethod};
 use crate::groups::GroupBy;
 use crate::validation::excitation::{Excitation, Gap};
 use sensor_physics::COVERAGE_LEVEL;
@@ -27,6 +27,7 @@ pub struct Verdict<'a> {
     pub unseen: Option<UnseenErrors>,
     /// The interval that holds 95 % of single frames, or why it is not known.
     pub interval: Result<FrameInterval, String>,
+    /// Axes whose error is about as large as the loads.
     pub useless: Axes,
     gaps: Vec<Gap>,
 }
@@ -180,7 +181,7 @@ impl Verdict<'_> {
                     .to_owned()
             }
         };
-        screen::next_words(self.gaps.first(), known).unwrap_or_else(judge)
+        next_words(self.gaps.first(), known).unwrap_or_else(judge)
     }
 }
 
@@ -290,4 +291,20 @@ fn interval(fit: &Fit) -> Result<FrameInterval, String> {
             })
         }
     }
+}
+
+/// The next step: against a gap in the loads or, without one, the errors as shares of the range of loads;
+/// `None` if neither is known.
+pub(super) fn next_words(
+    gap: Option<&Gap>,
+    shares: impl Iterator<Item = (Axis, f64)>,
+) -> Option<String> {
+    let largest = || {
+        let (axis, _) = shares.max_by(|a, b| a.1.total_cmp(&b.1))?;
+        let axis = axis.name();
+        Some(format!(
+            "record more poses with large loads on {axis}, the axis with the largest relative error"
+        ))
+    };
+    gap.map(Gap::to_string).or_else(largest)
 }

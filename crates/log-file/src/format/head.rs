@@ -6,10 +6,11 @@
 //! ([`keys`](super::keys)).
 
 use super::clock::is_since_1970;
+use super::column_name::plain;
 use super::keys::Keys;
 use super::lines::{LayoutLine, all_lines, fields, lines as rows_of, texts};
 use super::mapping::{LogFormat, Mapping};
-use super::meaning::{Meaning, meaning_of, plain};
+use super::meaning::{Meaning, meaning_of};
 use crate::error::FieldProblem;
 use crate::parse::date::is_date;
 use crate::parse::form::{

@@ -1,6 +1,7 @@
 //! The lines of a text, and the fields of a line.
 
-use crate::parse::rows::{is_comment, quoted_fields, without_returns};
+use crate::line::without_returns;
+use crate::parse::rows::{is_comment, quoted_fields};
 use memchr::memchr;
 
 /// A line, its position, the position of the next line, and its number.

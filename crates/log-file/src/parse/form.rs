@@ -5,7 +5,7 @@ use serde_json::Value;
 use shell_data::unit::Unit;
 
 use super::date::is_date;
-use super::rows::without_returns;
+use crate::line::without_returns;
 
 /// The notation of a row's values in its line.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -13,7 +13,7 @@ use crate::format::choice::{PlacedCondition, keep_chosen};
 use crate::format::columns::Wanted;
 use crate::format::layout::FileLayout;
 use crate::format::mapping::LogFormat;
-use crate::stream::chunk::line_ends;
+use crate::line::line_ends;
 use crate::stream::clock_turns::ClockTurns;
 use crate::stream::piece::LogPiece;
 use shell_data::block::Block;

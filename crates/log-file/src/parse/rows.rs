@@ -21,7 +21,7 @@ use super::neon::Neon;
 use super::number::{finite, parse_digits, parse_field, parse_long, signed};
 use super::parsed_rows::{ParsedRows, RowError};
 use crate::error::{FieldProblem, RowProblem};
-use crate::stream::chunk::line_ends;
+use crate::line::{line_ends, without_returns};
 use shell_data::wrench::Axis;
 
 /// The column by which a log shows that a reference was recorded beside the board.
@@ -351,14 +351,6 @@ fn without_quotes(lines: &[u8], separator: u8) -> Option<Vec<u8>> {
     bare.extend_from_slice(&lines[copied..]);
     bare.resize(lines.len(), b' ');
     Some(bare)
-}
-
-/// Returns a line without the carriage returns at its end: a terminal may add one to that of a board.
-pub(crate) fn without_returns(mut line: &[u8]) -> &[u8] {
-    while let Some(shorter) = line.strip_suffix(b"\r") {
-        line = shorter;
-    }
-    line
 }
 
 /// Returns true if a line is a comment.

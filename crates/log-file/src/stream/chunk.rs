@@ -5,7 +5,9 @@
 
 use std::io::{self, Read};
 
-use memchr::{memchr, memchr_iter, memrchr};
+use memchr::{memchr, memrchr};
+
+use crate::line::line_ends;
 
 use super::clock_turns::ClockTurns;
 
@@ -176,11 +178,6 @@ fn blank_line(lines: &[u8]) -> Option<usize> {
         at += line.len();
         line.trim_ascii().is_empty().then_some(start)
     })
-}
-
-/// Counts the line ends of a text.
-pub(crate) fn line_ends(text: &[u8]) -> u64 {
-    memchr_iter(b'\n', text).count() as u64
 }
 
 /// Reads until `buffer` is full or the stream ends, so that cuts do not depend on the number of bytes that a
