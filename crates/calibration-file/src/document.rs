@@ -359,7 +359,6 @@ mod tests {
                 test: None,
                 cross_validation: None,
                 spread: None,
-                memory_gain: None,
                 selection: None,
                 excitation: None,
                 test_leak: Some(0.5),

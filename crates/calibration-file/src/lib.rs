@@ -179,8 +179,7 @@ struct DocumentHeader {
 
 impl CalibrationFile {
     /// The unexplained share of the loads' variance, 1 − R² per axis, if known. It is computed from the
-    /// training loads, or for a physics model from held-out loads. What memory terms explain counts as
-    /// unexplained: loads of a trial follow each other in another order than those of the training data.
+    /// training loads, or for a physics model from held-out loads.
     pub fn unexplained(&self) -> Option<PerAxis<f64>> {
         let diagnostics = self.origin.diagnostics.as_ref()?;
         let train = diagnostics.train;
@@ -193,8 +192,7 @@ impl CalibrationFile {
             let of = train[axis];
             let new = held_out.map_or(of.rms, |held_out| held_out.grouped[axis].rms);
             let more = if of.rms > 0.0 { (new / of.rms).powi(2) } else { 1.0 };
-            let memory = diagnostics.memory_gain.map_or(1.0, |gain| gain[axis].max(1.0).powi(2));
-            (memory * more * (1.0 - of.r_squared.unwrap_or(0.0))).clamp(0.0, 1.0)
+            (more * (1.0 - of.r_squared.unwrap_or(0.0))).max(0.0)
         };
         known.then(|| std::array::from_fn(share))
     }

@@ -55,9 +55,6 @@ pub struct Diagnostics {
     /// The factor by which these errors may be larger in a new file, if files were held out.
     #[serde(with = "by_axis::option", default, skip_serializing_if = "Option::is_none")]
     pub spread: Option<PerAxis<f64>>,
-    /// The factor by which memory terms reduce held-out errors, if they were searched for.
-    #[serde(with = "by_axis::option", default, skip_serializing_if = "Option::is_none")]
-    pub memory_gain: Option<PerAxis<f64>>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub selection: Option<Selection>,
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -4,7 +4,6 @@ use super::outliers::NamedOutliers;
 use super::remark::{Remark, about_fit};
 use super::{WorkflowError, agree_on_axes, check_channels, check_logs};
 use calibration::FitError;
-use calibration::dynamics::Dynamics;
 use calibration::fit::{
     Fault, Fit, FitMethod, FitOptions, GroupsAsked, HeldOut, OutlierRule, Outliers,
     may_have_plateaus,
@@ -225,7 +224,6 @@ pub fn calibration_file(fit: &Fit, origin: Origin) -> CalibrationFile {
         test: fit.test().quality().map(|axes| axes.map(as_a_result)),
         cross_validation: fit.cross_validation.clone().map(CrossValidation::without_folds),
         spread: fit.spread(),
-        memory_gain: fit.dynamics.found().and_then(Dynamics::memory_gain),
         selection: fit.selection.clone(),
         excitation: fit.excitation.clone(),
         test_leak: fit.leaks.in_test(),

@@ -148,16 +148,6 @@ fn refusal(data: &Dataset) -> Option<NotSearched> {
 }
 
 impl Dynamics {
-    /// The factor by which the memory terms reduce held-out errors, if they were found by a search.
-    pub fn memory_gain(&self) -> Option<PerAxis<f64>> {
-        let gain = self.gain.filter(|_| self.memory.is_some())?;
-        let factor = |axis: usize| {
-            let [without, with] = [gain.with_lag[axis], gain.with_all[axis]];
-            if with > 0.0 { without / with } else { 1.0 }
-        };
-        Some(std::array::from_fn(factor))
-    }
-
     /// Describes lag and memory in words, without their gain.
     pub fn words(&self) -> String {
         let lag = match &self.lag {

@@ -86,8 +86,8 @@ impl Fault {
 pub struct Promise {
     /// Root mean square errors, N and N·m.
     pub rms: PerAxis<f64>,
-    /// The factor by which they may be larger in a new file, from the scatter between files; 1 if no files
-    /// were held out.
+    /// Possible increase of these errors in a new file, as a factor, from the scatter between files; 1 if no
+    /// files were held out.
     pub spread: PerAxis<f64>,
     /// True for errors on held-out rows, false for those on training rows.
     pub is_held_out: bool,
@@ -123,8 +123,8 @@ impl Promise {
     }
 
     /// Compares the errors on a test with the promise: the ratio on the axis that most certainly exceeds it,
-    /// and the fault if it does. `outside` are the numbers of rows out of the calibrated range and of all
-    /// rows.
+    /// and the fault if the test or one of its logs does. `outside` are the numbers of rows out of the
+    /// calibrated range and of all rows.
     ///
     /// # Errors
     /// [`FitError::Interrupted`].
@@ -135,21 +135,45 @@ impl Promise {
         outside: [u64; 2],
         workers: Workers<'_>,
     ) -> Result<(Option<TestRatio>, Option<Fault>), FitError> {
-        let least: PerAxis<f64> = std::array::from_fn(|axis| {
+        let most = self.most();
+        let whole = self.ratio(calibration, tested, workers)?;
+        let mut failed = whole.filter(|of| of.fails(most)).map(|of| of.words(outside));
+        // A few logs scatter too much to tell whether one of them is wrong.
+        for log in tested.logs.iter().filter(|_| tested.logs.len() > 1) {
+            if failed.is_some() {
+                break;
+            }
+            let alone = Dataset { logs: vec![log.clone()] };
+            let of_log = self.ratio(calibration, &alone, workers)?;
+            failed = of_log
+                .filter(|of| of.fails(most))
+                .map(|of| format!("in `{}` {}", log.name.display(), of.words(outside)));
+        }
+        let limit = self.least().map(|of| most * of);
+        let fault = failed.map(|words| cure_of_test(calibration, tested, &limit).unwrap_or(words));
+        Ok((whole, fault.map(Fault::of_test)))
+    }
+
+    /// The errors that are compared with those of a test, N and N·m.
+    fn least(&self) -> PerAxis<f64> {
+        std::array::from_fn(|axis| {
             (self.spread[axis] * self.rms[axis]).max(NO_ERROR * self.range[axis])
-        });
-        let Some((_, labelled)) = label_groups(tested, HeldOut::Auto) else {
-            return Ok((None, None));
-        };
+        })
+    }
+
+    /// The ratio of the errors on some rows to the promise, on the axis that most certainly exceeds it.
+    fn ratio(
+        &self,
+        calibration: &Calibration,
+        rows: &Dataset,
+        workers: Workers<'_>,
+    ) -> Result<Option<TestRatio>, FitError> {
+        let least = self.least();
+        let Some((_, labelled)) = label_groups(rows, HeldOut::Auto) else { return Ok(None) };
         let groups = group_errors(calibration, &labelled, 0, workers)?.groups;
         let ratios = calibration.axes.iter().filter(|axis| least[axis.index()] > 0.0);
         let ratios = ratios.filter_map(|axis| TestRatio::new(axis, &groups, least[axis.index()]));
-        let worst = ratios.max_by(|a, b| a.interval[0].total_cmp(&b.interval[0]));
-        let fault = worst.filter(|of| of.fails(self.most())).map(|of| {
-            let cure = cure_of_test(calibration, tested, &least.map(|of| self.most() * of));
-            Fault::of_test(cure.unwrap_or_else(|| of.words(outside)))
-        });
-        Ok((worst, fault))
+        Ok(ratios.max_by(|a, b| a.interval[0].total_cmp(&b.interval[0])))
     }
 }
 

@@ -50,8 +50,8 @@ impl ConvertOptions {
         }
     }
 
-    /// Returns true if the column of time holds the numbers of rows instead: the log has no time, and the
-    /// calibration's lag, by which they are shifted, is in rows.
+    /// Returns true if the column of time holds shifted row numbers instead: the log has no time, and the
+    /// calibration has a lag in rows.
     pub(super) fn numbers_rows(&self, log: &Log, calibration: &Calibration) -> bool {
         self.columns.time && !log.has_time() && calibration.lag.is_some_and(is_by_row)
     }
