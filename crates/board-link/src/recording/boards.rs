@@ -37,7 +37,7 @@ struct EscapedFrames {
 }
 
 impl PacketWire {
-    /// A wire with this framing. One without escapes turns out to be one with them at the first escape.
+    /// Creates a wire with this framing. Frames without escapes turn into frames with escapes at the first one.
     pub(crate) fn new(framing: Framing) -> Self {
         let deframer = match framing {
             Framing::Cobs => None,
