@@ -137,7 +137,8 @@ fn the_library_of_digi_opens_the_base_station_and_receives_every_frame() {
                     }
                 });
             }
-            assert!(numbers.len() + 5 > COUNT, "{} frames", numbers.len());
+            // About once a second a packet has the board's temperature and supply instead of readings.
+            assert!(numbers.len() + 20 > COUNT, "{} frames", numbers.len());
             assert!(numbers.windows(2).all(|pair| pair[1] == pair[0].wrapping_add(1)));
             assert_eq!(decoder.counters.bad_crc + decoder.counters.malformed, 0);
         }

@@ -30,10 +30,13 @@ struct EscapedFrames {
     deframer: Deframer,
     /// Data that a stream without escapes does not have so far.
     ahead: VecDeque<(Address, Option<u8>, Vec<u8>)>,
+    /// Number of frames that only a stream without escapes has so far. One may be the same a byte later: a
+    /// checksum of 0x7D is 0x7D 0x5D with escapes.
+    behind: usize,
 }
 
 impl PacketWire {
-    /// A wire with this framing. One without escapes turns out to be one with them at the first escape.
+    /// Creates a wire with this framing. Frames without escapes turn into frames with escapes at the first one.
     pub(crate) fn new(framing: Framing) -> Self {
         let deframer = match framing {
             Framing::Cobs => None,
@@ -43,6 +46,7 @@ impl PacketWire {
         let escaped = is_plain.then(|| EscapedFrames {
             deframer: Deframer::new(Mode::Escaped),
             ahead: VecDeque::new(),
+            behind: 0,
         });
         Self { framing, deframer, escaped, modules: Vec::new() }
     }
@@ -66,23 +70,25 @@ impl PacketWire {
         };
         let Some(deframer) = deframer else { return feed(None, None, bytes) };
         let mut both = escaped.take();
-        if let Some(EscapedFrames { deframer, ahead }) = &mut both {
-            deframer.feed(bytes, |frame| {
-                if let ApiFrame::Receive { from, rssi, payload } = frame {
+        if let Some(EscapedFrames { deframer, ahead, behind }) = &mut both {
+            deframer.feed(bytes, |frame| match frame {
+                ApiFrame::Receive { .. } if *behind > 0 => *behind -= 1,
+                ApiFrame::Receive { from, rssi, payload } => {
                     ahead.push_back((from, rssi, payload.to_vec()));
                 }
+                _ => {}
             });
         }
-        let mut is_plain = false;
         deframer.feed(bytes, |frame| {
             if let ApiFrame::Receive { from, rssi, payload } = frame {
-                let same = both.as_mut().and_then(|both| both.ahead.pop_front());
-                is_plain |= same.is_none_or(|same| same.2 != payload);
+                if let Some(both) = &mut both {
+                    both.behind += usize::from(both.ahead.pop_front().is_none());
+                }
                 feed(Some(from), rssi, payload);
             }
         });
-        match both.filter(|_| !is_plain) {
-            Some(EscapedFrames { deframer: other, ahead })
+        match both.filter(|both| both.behind <= 1) {
+            Some(EscapedFrames { deframer: other, ahead, .. })
                 if deframer.damaged > 0 && !ahead.is_empty() =>
             {
                 *framing = Framing::Xbee(Mode::Escaped);

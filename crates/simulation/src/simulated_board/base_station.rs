@@ -178,7 +178,7 @@ impl Module {
         self.number(b"MY") as u16
     }
 
-    /// Returns true for an address in a frame with both, of which the long one counts if it is known.
+    /// Returns true if a frame with both addresses is for this module; a known long address decides.
     fn is_at(&self, (long, short): (u64, u16)) -> bool {
         match long {
             u64::MAX | 0 => short != UNKNOWN && short == self.short(),

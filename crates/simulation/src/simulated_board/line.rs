@@ -30,7 +30,7 @@ const TICK: Duration = Duration::from_millis(10);
 
 pub(super) type InputPipe = Pipe<CriticalSectionRawMutex, 1024>;
 
-/// What is between board and host.
+/// Radios and base station between board and host.
 pub(super) struct Ways {
     /// To the host and to the board.
     pub(super) radios: [Arc<Mutex<Radio>>; 2],
