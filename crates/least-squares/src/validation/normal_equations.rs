@@ -131,8 +131,8 @@ impl NormalEquations {
     }
 }
 
-/// The sums of all matrices but each one. Nothing is subtracted, so a large one leaves no rounding
-/// errors in the sum without it.
+/// The sums of all matrices but each one. They are added up from both ends, so a large one leaves no
+/// rounding errors in the sum without it.
 pub fn sums_without_each<'a>(
     parts: impl DoubleEndedIterator<Item = &'a Mat<f64>> + ExactSizeIterator + Clone,
 ) -> Vec<Mat<f64>> {
