@@ -78,7 +78,7 @@ impl Log {
             let problem = PlacedProblem::LayoutMismatch { format, expected: 9, found };
             return Err(source.error_at(1, problem));
         }
-        // If one of the names is that of a time, only the values of this column are needed.
+        // If a column is called a time, its values are enough to recognise the log.
         let names = table.and_then(Table::names);
         let clock =
             names.and_then(|names| recognise(names, &[], LogFormat::Csv, mapping).ok()?.1.time);

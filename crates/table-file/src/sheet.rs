@@ -41,7 +41,7 @@ pub(crate) fn choose<S: Sheet>(
                 sheets.push((filled(&sheet)?, at, sheet));
             }
             let most = sheets.iter().map(|(filled, ..)| *filled).max().unwrap_or(0);
-            // Of two logs the second may have some more columns.
+            // The second of two logs may have some more columns.
             let is_table = |filled: usize| filled > 1 && 2 * filled >= most;
             sheets.into_iter().find(|(filled, ..)| is_table(*filled)).map(|(_, at, it)| (at, it))
         }
