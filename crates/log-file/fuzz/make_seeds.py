@@ -218,9 +218,10 @@ workbook = openpyxl.Workbook()
 for row in [names, *rows]:
     workbook.active.append(row)
 workbook.save(at("xlsx", "workbook.xlsx"))
-# A sheet without a table, notes next to the rows, and an elapsed time.
+# A sheet without a log, notes next to the rows, and an elapsed time.
 workbook = openpyxl.Workbook()
-workbook.active["A1"] = "recorded on a Sunday"
+workbook.active.append(["recorded on", "a Sunday"])
+workbook.active.append(["rig", 7])
 sheet = workbook.create_sheet("run")
 sheet.append(["time", *names[1:]])
 for row in rows:

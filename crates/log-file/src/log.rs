@@ -79,12 +79,11 @@ impl Log {
             let problem = PlacedProblem::LayoutMismatch { format, expected: 9, found };
             return Err(source.error_at(1, problem));
         }
-        // If the columns have names, only the values of the time column are needed to recognise them.
+        // If a column is called a time, its values are enough to recognise the log.
         let names = table.and_then(Table::names);
         let clock =
             names.and_then(|names| recognise(names, &[], LogFormat::Csv, mapping).ok()?.1.time);
-        let shown: Option<Vec<usize>> =
-            table.and_then(|table| table.names()).map(|_| clock.into_iter().collect());
+        let shown: Option<Vec<usize>> = clock.map(|clock| vec![clock]);
         let head = source.head(shown.as_deref(), HEAD_BYTES as usize)?;
         // A row may be empty in the columns that are shown.
         let has_rows = |table: &Table| line_ends(&head) > u64::from(table.columns.is_some());

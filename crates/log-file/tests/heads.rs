@@ -211,6 +211,13 @@ fn names_units_and_times_of_further_programs_are_found() {
             table(",Fx,Fy\n", &|at| format!("2026-03-01 13:00:{at:02}+01:00,{},1.5", force(at))),
         ),
         (
+            "dates by another name",
+            1_772_366_400.0,
+            table("calibrated on,received,Fx,Fy\n", &|at| {
+                format!("2025-07-01,2026-03-01 12:00:{at:02},{},1.5", force(at))
+            }),
+        ),
+        (
             "pandas, durations as the index",
             86_400.0,
             table(",Fx,Fy\n", &|at| format!("1 days 00:00:{at:02}.000000,{},1.5", force(at))),
@@ -262,6 +269,13 @@ fn names_units_and_times_of_further_programs_are_found() {
         let found = (axis(&of, Axis::Fx)[39], axis(&of, Axis::Fy)[39]);
         assert_eq!(found, (18.75, 1.5), "{what}");
     }
+}
+
+#[test]
+fn two_columns_of_dates_are_not_a_time() {
+    let row = |at: usize| format!("12:00:{at:02},12:01:{at:02},{at},7\n");
+    let log = open(&format!("sent,received,s1,s2\n{}", (0..40).map(row).collect::<String>()));
+    assert!(!log.has_time());
 }
 
 #[test]

@@ -22,46 +22,50 @@ pub(crate) trait Sheet: fmt::Debug + Send + Sync + 'static {
     fn numbered(self: Arc<Self>) -> Result<NumberedRows, TableError>;
 }
 
-/// Selects the sheet called `part`, or the first one that has a table. `open` opens a sheet by its position
-/// among `names`.
+/// Selects the sheet called `part`, or the first one with a table: other sheets may describe the rig in a few cells.
+/// `open` opens a sheet by its position among `names`.
 pub(crate) fn choose<S: Sheet>(
     kind: FileKind,
     names: Vec<String>,
     part: Option<&str>,
     open: impl Fn(usize) -> Result<S, TableError>,
 ) -> Result<FoundTable, TableError> {
-    let mut chosen = None;
-    for (at, name) in names.iter().enumerate() {
-        if part.is_some_and(|part| name != part) {
-            continue;
+    let named = (0..names.len()).filter(|&at| part.is_none_or(|part| names[at] == part));
+    let candidates: Vec<usize> = named.collect();
+    let chosen = match candidates.as_slice() {
+        [only] => Some((*only, Arc::new(open(*only)?))),
+        _ => {
+            let mut sheets = Vec::with_capacity(candidates.len());
+            for at in candidates {
+                let sheet = Arc::new(open(at)?);
+                sheets.push((filled(&sheet)?, at, sheet));
+            }
+            let most = sheets.iter().map(|(filled, ..)| *filled).max().unwrap_or(0);
+            // The second of two logs may have some more columns.
+            let is_table = |filled: usize| filled > 1 && 2 * filled >= most;
+            sheets.into_iter().find(|(filled, ..)| is_table(*filled)).map(|(_, at, it)| (at, it))
         }
-        let sheet = Arc::new(open(at)?);
-        // A sheet without a table is chosen only if it is the only sheet.
-        if part.is_some() || names.len() == 1 || has_table(&sheet)? {
-            chosen = Some((name, sheet));
-            break;
-        }
-    }
-    let Some((name, sheet)) = chosen else { return Err(kind.choice("sheet", part, names)) };
+    };
+    let Some((at, sheet)) = chosen else { return Err(kind.choice("sheet", part, names)) };
     // Names are in a row, or absent.
     let mut found = FoundTable::new(None, SheetRows(sheet));
     if names.len() > 1 && part.is_none() {
+        let name = &names[at];
         let others: Vec<&String> = names.iter().filter(|other| *other != name).collect();
         found.notes.push(format!("read from sheet `{name}`; the others are {others:?}"));
     }
     Ok(found)
 }
 
-/// Returns true if one of the first rows has several filled cells.
-fn has_table<S: Sheet>(sheet: &Arc<S>) -> Result<bool, TableError> {
-    let mut next = Arc::clone(sheet).numbered()?;
+/// Counts the filled cells in the first rows with several of them.
+fn filled<S: Sheet>(sheet: &Arc<S>) -> Result<usize, TableError> {
+    let (mut next, mut count) = (Arc::clone(sheet).numbered()?, 0);
     for _ in 0..LOOKED_AT {
-        let Some((_, cells)) = next()? else { return Ok(false) };
-        if cells.iter().filter(|cell| **cell != Cell::Missing).count() > 1 {
-            return Ok(true);
-        }
+        let Some((_, cells)) = next()? else { break };
+        let filled = cells.iter().filter(|cell| **cell != Cell::Missing).count();
+        count += if filled > 1 { filled } else { 0 };
     }
-    Ok(false)
+    Ok(count)
 }
 
 /// The rows of a sheet, with those that are not in the file.

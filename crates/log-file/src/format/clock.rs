@@ -41,6 +41,11 @@ impl ClockFields {
         self.0.windows(2).any(|pair| pair[0] == pair[1])
     }
 
+    /// Returns true if the last time differs from the first.
+    pub(super) fn changes(&self) -> bool {
+        self.0.first() != self.0.last()
+    }
+
     /// Returns the notation of the times, if the first one is a date or a time of day; `order` is the user's.
     pub(super) fn dates(&self, order: Option<DateOrder>) -> Option<DateColumn> {
         let first = self.first().filter(|first| is_date(first))?;

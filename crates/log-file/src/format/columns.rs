@@ -428,15 +428,14 @@ fn recognise_other_wrench(names: &[String], meanings: &mut [Meaning]) {
         let base = name.split(['(', '[']).next().unwrap_or_default().trim_end();
         axis_of(base.strip_suffix('1')?)
     };
-    let ways: [&dyn Fn(&str) -> Option<Axis>; 2] = [&in_path, &of_plate];
-    for way in ways {
-        let found = names.iter().enumerate().filter_map(|(at, name)| Some((way(name)?, at)));
-        let found: Vec<(Axis, usize)> =
-            found.filter(|(_, at)| meanings[*at] == Meaning::Other).collect();
-        if found.len() == 6 && Axis::ALL.iter().all(|axis| found.iter().any(|(of, _)| of == axis)) {
-            found.iter().for_each(|&(axis, at)| meanings[at] = Meaning::Load(axis, Scale::ONE));
-            return;
-        }
+    let all = |axis_in: &dyn Fn(&str) -> Option<Axis>| {
+        let found = names.iter().enumerate().filter_map(|(at, name)| Some((axis_in(name)?, at)));
+        let found: Vec<_> = found.filter(|(_, at)| meanings[*at] == Meaning::Other).collect();
+        let has = |axis: &Axis| found.iter().any(|(of, _)| of == axis);
+        (found.len() == 6 && Axis::ALL.iter().all(has)).then_some(found)
+    };
+    for (axis, at) in all(&in_path).or_else(|| all(&of_plate)).unwrap_or_default() {
+        meanings[at] = Meaning::Load(axis, Scale::ONE);
     }
 }
 

@@ -345,7 +345,7 @@ const NANOSECONDS: [&str; 5] = ["nsec", "nsecs", "nanosec", "nanosecs", "nanosec
 /// The end of the name of nanoseconds that are part of the seconds before them.
 pub(super) const JOINED: &str = " (joined)";
 
-/// Returns true if a name is that of nanoseconds, which belong to the seconds in the column before.
+/// Returns true if a column is called nanoseconds: they belong to the seconds in the column before.
 pub(super) fn are_nanoseconds(name: &str) -> bool {
     let name = plain(name);
     NANOSECONDS.iter().any(|ending| name.ends_with(ending))

@@ -9,7 +9,7 @@ use super::head::{self, Head, line_separator, numbered};
 use super::keys::Keys;
 use super::lines::{LayoutLine, fields, lines, texts};
 use super::mapping::{LogFormat, Mapping, TimeUnit};
-use super::meaning::{Meaning, StatedUnit, meaning_of};
+use super::meaning::{Meaning, StatedUnit};
 use crate::error::{FieldProblem, LogError, PlacedProblem};
 use crate::line::line_ends;
 use crate::parse::console;
@@ -153,6 +153,12 @@ pub(crate) fn recognise_layout(
     let made = (!header.form.is_plain()).then(|| header.form.separated(rows, separator));
     let rows = made.as_deref().unwrap_or(rows);
     let clock_at = |at: usize| ClockFields::new(rows, separator, at);
+    if let (None, LogFormat::Csv) = (roles.time, header.format)
+        && let Some(at) = only_dates(rows, separator, &columns)
+    {
+        columns[at].meaning = Meaning::Time(Scale::ONE);
+        roles.time = Some(at);
+    }
     let order = mapping.for_columns(names).date_order();
     let is_time = |clock: &ClockFields| {
         let is_number = |field: &[u8]| parse_field(field).is_ok() || is_number(&with_points(field));
@@ -244,6 +250,16 @@ fn conditions(
         LogFormat::Console if !placed.is_empty() => Err(missing("of text")),
         _ => Ok(placed),
     }
+}
+
+/// Finds the only column of dates or times of day that change, such as the index of pandas, whatever its name.
+fn only_dates(rows: &[u8], separator: u8, columns: &[Column]) -> Option<usize> {
+    let first = fields(lines(rows, 0, 1).next()?.text, separator);
+    let is_unused = |at: &usize| columns[*at].meaning == Meaning::Other;
+    let candidates = (0..columns.len().min(first.len())).filter(is_unused);
+    let dates = candidates.filter(|&at| !is_number(&first[at]) && is_date(&first[at]));
+    let mut found = dates.filter(|&at| ClockFields::new(rows, separator, at).changes());
+    found.next().filter(|_| found.next().is_none())
 }
 
 /// Finds a column that distinguishes sensors whose rows alternate, from the first rows.
@@ -437,9 +453,6 @@ fn separated_header(
     if let (Some(at), Some((_, names))) = (form.stamp, &mut names) {
         names[at + 1] += head::JOINED;
     }
-    if let Some((_, names)) = &mut names {
-        name_dates(&rows, separator, names);
-    }
     let (units_line, units) = units.map_or((None, Vec::new()), |(line, units)| (Some(line), units));
     let header = Header {
         separator,
@@ -475,21 +488,6 @@ fn separated_header(
         return Err(source.error_at(rows_line, PlacedProblem::UnknownLayout { columns, time }));
     }
     Ok(Header { names: numbered(1, columns), ..header })
-}
-
-/// Names a column of dates without a name, as the index of pandas is, if no other column is called a time.
-fn name_dates(rows: &[u8], separator: u8, names: &mut [String]) {
-    let first = lines(rows, 0, 1).next().map(|line| fields(line.text, separator));
-    let is_date = |at: &usize| {
-        let field = first.as_ref().and_then(|fields| fields.get(*at));
-        field.is_some_and(|field| !is_number(field) && is_date(field))
-    };
-    let has_time =
-        names.iter().any(|name| matches!(meaning_of(name, LogFormat::Csv).0, Meaning::Time(_)));
-    let mut unnamed = (0..names.len()).filter(|&at| names[at].is_empty());
-    if let Some(at) = unnamed.find(is_date).filter(|_| !has_time) {
-        "time".clone_into(&mut names[at]);
-    }
 }
 
 /// Recognises the head of most logs: the first line names known columns, and rows with the same number of
