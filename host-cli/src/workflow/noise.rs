@@ -65,7 +65,7 @@ pub fn noise(
     let summary = read_with_memory(
         log,
         (&wanted, read),
-        calibration,
+        (calibration, false),
         |block| {
             rows.select(block);
             if let Some(window) = window {

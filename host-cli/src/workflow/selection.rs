@@ -50,22 +50,31 @@ impl TimeWindow {
 }
 
 /// Reads a log as [`Log::read`] does, for a calibration. If it has memory terms, `work` gets the blocks with
-/// these, in order; otherwise on any thread.
+/// these, in order; otherwise on any thread. If rows are to be numbered, it also gets the numbers of the rows
+/// from 0, in order, in place of their times.
 ///
 /// # Errors
 /// As [`Log::read`]; `wanted` must include the time if the calibration needs it.
 pub(super) fn read_with_memory<T: Send, E: From<LogError>>(
     log: &Log,
     (wanted, read): (&Wanted, &ReadOptions<'_>),
-    calibration: &Calibration,
+    (calibration, numbers_rows): (&Calibration, bool),
     work: impl Fn(&mut Block) -> T + Sync,
     mut fold: impl FnMut(T) -> Result<(), E>,
 ) -> Result<ReadSummary, E> {
-    let Some(mut memory) = calibration.start_memory() else {
+    let mut memory = calibration.start_memory();
+    if memory.is_none() && !numbers_rows {
         return log.read(wanted, read, work, fold);
-    };
+    }
+    let mut rows = 0;
     log.read(wanted, read, std::mem::take, |mut block| {
-        memory.extend(&mut block).expect("times, which were wanted");
+        if let Some(memory) = &mut memory {
+            memory.extend(&mut block).expect("times, which were wanted");
+        }
+        if numbers_rows {
+            block.time_s = (rows..rows + block.rows).map(|row| row as f64).collect();
+            rows += block.rows;
+        }
         fold(work(&mut block))
     })
 }

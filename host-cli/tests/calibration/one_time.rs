@@ -22,10 +22,19 @@ fn numbers(path: &Path, name: &str) -> Vec<f64> {
     column(path, name).iter().map(|field| field.parse().unwrap()).collect()
 }
 
+/// The times of a table's rows, or their numbers if it has no clock.
+fn stamps(table: &Path) -> Vec<f64> {
+    let text = fs::read_to_string(table).unwrap();
+    match text.split(',').next() {
+        Some(first @ ("t_s" | "row")) => numbers(table, first),
+        _ => (0..text.lines().count() - 1).map(|row| row as f64).collect(),
+    }
+}
+
 /// Root mean square of forces at some times less the load of a table, straight between its rows. After its last row no
 /// load is known.
 fn rms_by_time(table: &Path, times_s: &[f64], forces: &[f64], axis: &str) -> f64 {
-    let (known_s, loads) = (numbers(table, "t_s"), numbers(table, axis));
+    let (known_s, loads) = (stamps(table), numbers(table, axis));
     let load = |time_s: f64| {
         let after = known_s.partition_point(|known| *known <= time_s).clamp(1, known_s.len() - 1);
         let (start, end) = (known_s[after - 1], known_s[after]);
@@ -53,7 +62,7 @@ fn converted(dir: &Path, calibration: &str, table: &Path) -> Vec<f64> {
     let (log, out) = (table.display(), dir.join("out.csv"));
     let plain = "--no-tare --no-lowpass --all-rows -o out.csv";
     program::succeed(dir, &format!("convert {calibration} {log} {plain}"));
-    let times_s = numbers(&out, "t_s");
+    let times_s = stamps(&out);
     let of = |axis| rms_by_time(table, &times_s, &numbers(&out, axis), axis);
     AXES.map(of).to_vec()
 }
@@ -103,6 +112,34 @@ fn a_lag_is_made_up_for_alike_in_every_command() {
     assert!(said.contains("t_s is the time of the readings + 3.50 ms"), "{said}");
 }
 
+/// Without a clock the number of the row is the time: forces keep it, less the lag, so that a join by row gives the errors
+/// of `eval`.
+#[test]
+fn a_lag_in_rows_is_made_up_for_in_the_numbers_of_the_rows() {
+    let folder = tempfile::tempdir().unwrap();
+    let dir = folder.path();
+    for (seed, name) in (1..).zip(["a.csv", "b.csv", "test.csv"]) {
+        log(dir, name, seed, 0.0);
+        let text = fs::read_to_string(dir.join(name)).unwrap();
+        let rows = text.lines().map(|row| row.split_once(',').unwrap().1);
+        fs::write(dir.join(name), rows.collect::<Vec<_>>().join("\n") + "\n").unwrap();
+    }
+    program::succeed(dir, "fit a.csv b.csv --model linear --memory-terms 80 --lag 0.6 -o lag.json");
+    let evaluated = program::json(dir, "eval lag.json test.csv --json");
+    let expected = rms(&evaluated["all"]["errors"]);
+    let test = dir.join("test.csv");
+    assert_same(&converted(dir, "lag.json", &test), &expected, "convert");
+    assert_eq!(stamps(&dir.join("out.csv"))[..2], [0.6, 1.6]);
+    let (_, said) = program::ended(dir, "convert lag.json test.csv -o out.npy", 0);
+    assert!(said.contains("`row` is the row of the readings, from 0, + 0.600 rows"), "{said}");
+
+    // Without the numbers forces are moved to the rows, as they are in recordings, which need times.
+    let (_, said) = program::ended(dir, "convert lag.json test.csv --columns fx -o fx.csv", 0);
+    assert!(said.contains("forces are moved by 0.600 rows"), "{said}");
+    let said = program::refused(dir, "convert lag.json test.csv -o out.mcap");
+    assert!(said.contains("needs time"), "{said}");
+}
+
 #[test]
 fn calibrations_that_differ_by_rounding_are_alike() {
     let folder = tempfile::tempdir().unwrap();
@@ -117,36 +154,40 @@ fn calibrations_that_differ_by_rounding_are_alike() {
     }
 }
 
-/// The lag of this sensor is a sixth of a row. Its logs have no clock; with the one of their rate, rows err by time as `eval`
-/// says, and without it forces are taken between rows, which also averages some of their noise.
+/// The lag of this sensor is 0.3 rows. Its logs have no clock: rows err by number, and with a clock of their rate by time, as
+/// `eval` says.
 #[test]
 #[ignore = "needs the recordings"]
 fn rows_of_another_labs_sensor_err_by_time_as_eval_says() {
     const RATE_HZ: f64 = 66.9;
     let source = real_recording("others/coinft");
-    let folder = tempfile::tempdir().unwrap();
-    let dir = folder.path();
-    let mut names: Vec<_> = fs::read_dir(source).unwrap().map(|it| it.unwrap().path()).collect();
-    names.retain(|path| path.to_string_lossy().ends_with(".csv.gz"));
-    names.sort();
-    for (at, path) in names.iter().enumerate() {
-        let log = read_log(path).unwrap();
-        let channels = log.readings.len();
-        let name = |at: usize| format!("s{}", at + 1);
-        let names: Vec<String> = (0..channels).map(name).chain(AXES.map(str::to_owned)).collect();
-        let mut text = format!("t_s,{}\n", names.join(","));
-        for row in 0..log.rows {
-            let values = log.readings.iter().chain(&log.wrench).map(|column| column[row]);
-            let values: Vec<String> = values.map(|value| value.to_string()).collect();
-            text += &format!("{},{}\n", row as f64 / RATE_HZ, values.join(","));
+    let mut paths: Vec<_> = fs::read_dir(source).unwrap().map(|it| it.unwrap().path()).collect();
+    paths.retain(|path| path.to_string_lossy().ends_with(".csv.gz"));
+    paths.sort();
+    let logs: Vec<_> = paths.iter().map(|path| read_log(path).unwrap()).collect();
+    for has_clock in [true, false] {
+        let folder = tempfile::tempdir().unwrap();
+        let dir = folder.path();
+        for (at, log) in logs.iter().enumerate() {
+            let channels = (1..=log.readings.len()).map(|at| format!("s{at}"));
+            let clock = has_clock.then(|| "t_s".to_owned()).into_iter();
+            let names = clock.chain(channels).chain(AXES.map(str::to_owned));
+            let mut text = names.collect::<Vec<_>>().join(",") + "\n";
+            for row in 0..log.rows {
+                let clock = has_clock.then_some(row as f64 / RATE_HZ).into_iter();
+                let values = log.readings.iter().chain(&log.wrench).map(|column| column[row]);
+                let values: Vec<_> = clock.chain(values).map(|value| value.to_string()).collect();
+                text += &(values.join(",") + "\n");
+            }
+            fs::write(dir.join(format!("{at}.csv")), text).unwrap();
         }
-        fs::write(dir.join(format!("{at}.csv")), text).unwrap();
+        let test = logs.len() - 1;
+        let train: Vec<String> = (0..test).map(|at| format!("{at}.csv")).collect();
+        let fit = format!("fit {} --model cubic --lag auto -o cal.json", train.join(" "));
+        program::succeed(dir, &fit);
+        let evaluated = program::json(dir, &format!("eval cal.json {test}.csv --json"));
+        let table = dir.join(format!("{test}.csv"));
+        let expected = rms(&evaluated["all"]["errors"]);
+        assert_same(&converted(dir, "cal.json", &table), &expected, "convert");
     }
-    let test = names.len() - 1;
-    let train: Vec<String> = (0..test).map(|at| format!("{at}.csv")).collect();
-    let fit = format!("fit {} --model cubic --lag auto -o cal.json", train.join(" "));
-    program::succeed(dir, &fit);
-    let evaluated = program::json(dir, &format!("eval cal.json {test}.csv --json"));
-    let table = dir.join(format!("{test}.csv"));
-    assert_same(&converted(dir, "cal.json", &table), &rms(&evaluated["all"]["errors"]), "convert");
 }

@@ -4,6 +4,7 @@ use super::options::ConvertOptions;
 use crate::workflow::selection::RowFilter;
 use calibration::Calibration;
 use calibration::dynamics::ReferenceLag;
+use calibration::memory::TimeBase;
 use forces::ForcePipeline;
 use shell_data::Converter;
 use shell_data::block::Block;
@@ -126,12 +127,17 @@ impl FrameConverter<'_> {
         load.map_or(0, |load| load.subtract(times_s, &self.zero, wrench))
     }
 
-    /// The times of forces for the times of their rows, s.
-    fn moved(&self, mut times_s: Vec<f64>) -> Vec<f64> {
+    /// The stamps of forces for the times of their rows, s, or for the numbers of the rows.
+    fn moved(&self, mut times: Vec<f64>) -> Vec<f64> {
         if let Some(lag) = self.stamp_lag {
-            times_s.iter_mut().for_each(|time_s| *time_s = lag.moved_s(*time_s));
+            times.iter_mut().for_each(|time| {
+                *time = match lag.time_base {
+                    TimeBase::Seconds => lag.moved_s(*time),
+                    TimeBase::Rows => *time + lag.by,
+                };
+            });
         }
-        times_s
+        times
     }
 
     /// The frames without their wrenches.

@@ -41,7 +41,7 @@ use forces::{FirstRows, ForceError, ForcePipeline, FrameChange, PipelineSetup, T
 use frames::FrameConverter;
 use log_file::Wanted;
 use shell_data::wrench::{Axis, PerAxis};
-use table::WrenchTable;
+use table::{ROW_COLUMN, TIME_COLUMN, WrenchTable};
 use writer::Writer;
 
 /// Half-width of an interval of this level, in standard errors.
@@ -75,9 +75,11 @@ pub fn convert(
     trace: Option<&mut WrenchTrace>,
 ) -> Result<ConvertSummary, WorkflowError> {
     let Conversion { log, calibration, options, read } = *conversion;
-    log.require(&Wanted { readings: true, time: options.columns.time, ..Wanted::default() })?;
+    let numbers_rows = options.numbers_rows(log, calibration);
+    let has_stamps = options.columns.time && !numbers_rows;
+    log.require(&Wanted { readings: true, time: has_stamps, ..Wanted::default() })?;
     check_channels(log, calibration.channels())?;
-    let is_whole = options.columns.time && options.columns.axes.are_all();
+    let is_whole = has_stamps && options.columns.axes.are_all();
     // A recording contains the readings as well as the wrenches.
     let keeps_readings = matches!(plan.format, OutputFormat::Mcap(_));
     if keeps_readings && !is_whole {
@@ -102,12 +104,13 @@ pub fn convert(
     }
     let (mut pipeline, zero) = survey(conversion)?;
     let lag = calibration.lag.filter(|lag| lag.time_base == TimeBase::Rows || log.has_time());
-    // Readings keep their time stamps, so forces in the same table move instead, as they do if no stamp is
-    // written.
-    let moves_stamps = lag.is_some_and(|lag| lag.time_base == TimeBase::Seconds) && !keeps_readings;
+    // Readings keep their time stamps, so forces in the same table move instead, as they do if no row number
+    // is written.
+    let is_stamped = |lag: ReferenceLag| lag.time_base == TimeBase::Seconds || numbers_rows;
+    let moves_stamps = lag.is_some_and(is_stamped) && !keeps_readings;
     pipeline.lag = lag.filter(|_| !moves_stamps);
     let stamp_lag = lag.filter(|_| moves_stamps);
-    let time = options.columns.time
+    let time = has_stamps
         || calibration.needs_time()
         || options.forces.tare.follows_rests()
         || trace.is_some()
@@ -124,7 +127,9 @@ pub fn convert(
     };
     let kept = [named(keep), named(keep_texts)];
     let readings = log.value_names().into_iter().take(log.channels()).map(str::to_owned).collect();
-    let table = WrenchTable::new(options.columns, factors.unwrap_or_default(), &kept, readings);
+    let stamp = if numbers_rows { ROW_COLUMN } else { TIME_COLUMN };
+    let factors = factors.unwrap_or_default();
+    let table = WrenchTable::new((options.columns, stamp), factors, &kept, readings);
     let encoder = Encoder { table, format };
     let repeats_are_frames = !log.repeats_are_stale() && options.rows == RowFilter::All;
     let watch = (time && options.load.is_none()).then_some(repeats_are_frames);
@@ -151,7 +156,7 @@ pub fn convert(
     let summary = read_with_memory(
         log,
         (&wanted, &read),
-        calibration,
+        (calibration, numbers_rows),
         |block| {
             let rows = converter.convert(block);
             // Frames that need no filter are encoded by the workers.
@@ -260,7 +265,7 @@ fn survey(conversion: &Conversion<'_>) -> Result<(ForcePipeline, PerAxis<f64>), 
         let read = read_with_memory(
             log,
             (&wanted, read),
-            calibration,
+            (calibration, false),
             |block| (fresh_rows(log, options.rows, block), std::mem::take(block)),
             |(fresh, block)| {
                 let (times_s, readings) = (&*block.time_s, &*block.readings);

@@ -6,6 +6,8 @@ use std::str::FromStr;
 use crate::workflow::WorkflowError;
 use crate::workflow::selection::RowFilter;
 use calibration::Calibration;
+use calibration::dynamics::ReferenceLag;
+use calibration::memory::TimeBase;
 use forces::payload::CarriedLoad;
 use forces::{ForceOptions, FrameChange};
 use log_file::{Log, ReadOptions};
@@ -38,7 +40,7 @@ impl ConvertOptions {
             load: None,
             frame: Vec::new(),
             columns: TableColumns {
-                time: log.has_time(),
+                time: log.has_time() || calibration.lag.is_some_and(is_by_row),
                 axes: calibration.axes,
                 standard_errors: calibration.has_standard_errors(),
                 interval: None,
@@ -47,6 +49,16 @@ impl ConvertOptions {
             converter: calibration.converter(None),
         }
     }
+
+    /// Returns true if the column of time holds shifted row numbers instead: the log has no time, and the
+    /// calibration has a lag in rows.
+    pub(super) fn numbers_rows(&self, log: &Log, calibration: &Calibration) -> bool {
+        self.columns.time && !log.has_time() && calibration.lag.is_some_and(is_by_row)
+    }
+}
+
+fn is_by_row(lag: ReferenceLag) -> bool {
+    lag.time_base == TimeBase::Rows
 }
 
 /// A log, and everything needed to convert it to wrenches.
@@ -63,6 +75,7 @@ pub struct Conversion<'a> {
 /// The columns written for every frame, in this order.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TableColumns {
+    /// Time, s. For a log without time, the number of the row, if the calibration has a lag in rows.
     pub time: bool,
     /// Axes of the wrench, N and N·m.
     pub axes: Axes,

@@ -7,6 +7,7 @@ use super::frames::ConvertedFrames;
 use crate::workflow::remark::{Remark, used_rows};
 use crate::workflow::selection::RowFilter;
 use calibration::dynamics::ReferenceLag;
+use calibration::memory::TimeBase;
 use calibration_file::Diagnostics;
 use forces::payload::Lag;
 use forces::sampling::Rate;
@@ -136,7 +137,7 @@ pub struct LagMadeUp {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LagRule {
-    /// Time stamps are shifted.
+    /// Time stamps or row numbers are shifted.
     Stamps,
     /// Forces are interpolated between rows; time stamps stay with the readings.
     BetweenRows,
@@ -150,10 +151,11 @@ impl fmt::Display for LagMadeUp {
         match self.how {
             LagRule::Stamps => {
                 let sign = if self.lag.by < 0.0 { '-' } else { '+' };
-                write!(
-                    f,
-                    "clock: t_s is the time of the readings {sign} {lag}, the lag of the reference"
-                )
+                let what = match self.lag.time_base {
+                    TimeBase::Seconds => "t_s is the time of the readings",
+                    TimeBase::Rows => "`row` is the row of the readings, from 0,",
+                };
+                write!(f, "clock: {what} {sign} {lag}, the lag of the reference")
             }
             LagRule::BetweenRows => {
                 write!(

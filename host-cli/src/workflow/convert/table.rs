@@ -7,6 +7,10 @@ use super::options::TableColumns;
 use shell_data::escape;
 use shell_data::wrench::{Axis, PerAxis};
 
+/// Column of time, s, or of the number of the row, from 0.
+pub(super) const TIME_COLUMN: &str = "t_s";
+pub(super) const ROW_COLUMN: &str = "row";
+
 pub(super) struct WrenchTable {
     /// The numeric columns, which come first.
     numbers: Vec<(String, NumberColumn)>,
@@ -32,10 +36,10 @@ enum NumberColumn {
 }
 
 impl WrenchTable {
-    /// `factors` are the half-widths of the interval in standard errors, if one is written. `kept` are the
+    /// `stamp` is the name of the column of time. `factors` are the half-widths of the interval in standard errors, if one is written. `kept` are the
     /// log's numeric and text columns that are carried along, `readings` the names of the readings.
     pub(super) fn new(
-        columns: TableColumns,
+        (columns, stamp): (TableColumns, &str),
         factors: PerAxis<f64>,
         kept: &[Vec<String>; 2],
         readings: Vec<String>,
@@ -43,7 +47,7 @@ impl WrenchTable {
         let TableColumns { time, axes, standard_errors, interval, flags: has_flags } = columns;
         let named = |axis: Axis, end: &str| axis.column().replace('_', end);
         let mut numbers = Vec::new();
-        numbers.extend(time.then(|| ("t_s".to_owned(), NumberColumn::Time)));
+        numbers.extend(time.then(|| (stamp.to_owned(), NumberColumn::Time)));
         numbers.extend(axes.iter().map(|it| (named(it, "_"), NumberColumn::Wrench(it))));
         let errors = axes.iter().map(|it| (named(it, "_se_"), NumberColumn::StandardError(it)));
         numbers.extend(errors.filter(|_| standard_errors));
@@ -185,7 +189,7 @@ mod tests {
 
     fn written(columns: TableColumns) -> String {
         let table = WrenchTable::new(
-            columns,
+            (columns, TIME_COLUMN),
             [2.0; 6],
             &Default::default(),
             ["S1", "S2", "gap 3"].map(str::to_owned).to_vec(),

@@ -160,7 +160,7 @@ pub fn find_motion_lag(
     let read = read_with_memory(
         log,
         (&wanted, read),
-        calibration,
+        (calibration, false),
         |block| {
             let mut wrench = Default::default();
             calibration.wrench(&block.readings, &mut wrench);
