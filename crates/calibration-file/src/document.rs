@@ -367,6 +367,7 @@ mod tests {
                 train: [quality; 6],
                 test: None,
                 cross_validation: None,
+                spread: None,
                 selection: None,
                 excitation: None,
                 test_leak: Some(0.5),

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use calibration::fit::Promise;
 use calibration::quality::AxisQuality;
 use calibration::solver::SolverKind;
 use calibration::validation::cross_validation::CrossValidation;
@@ -57,6 +58,9 @@ pub struct Diagnostics {
     /// Errors on held-out training groups, if requested.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cross_validation: Option<CrossValidation>,
+    /// The factor by which these errors may be larger in a new file, if files were held out.
+    #[serde(with = "by_axis::option", default, skip_serializing_if = "Option::is_none")]
+    pub spread: Option<PerAxis<f64>>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub selection: Option<Selection>,
     /// How well the training loads cover the six axes.
@@ -70,6 +74,14 @@ pub struct Diagnostics {
     /// cannot assess new poses.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub group_leak: Option<f64>,
+}
+
+impl Diagnostics {
+    /// The errors that the fit promises on new rows.
+    pub fn promise(&self) -> Promise {
+        let held_out = (self.cross_validation.as_ref(), self.spread);
+        Promise::new(&self.train, held_out, self.excitation.as_ref())
+    }
 }
 
 /// A file that a calibration was made from.

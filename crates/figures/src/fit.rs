@@ -14,7 +14,28 @@ use shell_data::wrench::{Axes, Axis, PerAxis};
 /// Ranges need not be known in advance, and parts may be merged in any order.
 #[derive(Clone, Debug, Default)]
 pub struct FitPlot {
+    name: RowsName,
     axes: PerAxis<AxisPlot>,
+}
+
+/// The name of the rows of a figure.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum RowsName {
+    /// Rows that were fitted.
+    #[default]
+    Training,
+    /// Rows that were held out of the fit.
+    HeldOut,
+}
+
+impl RowsName {
+    /// The name, as in "training rows".
+    fn words(self) -> &'static str {
+        match self {
+            Self::Training => "training rows",
+            Self::HeldOut => "held-out rows",
+        }
+    }
 }
 
 #[derive(Clone, Debug, Default)]
@@ -28,6 +49,11 @@ struct AxisPlot {
 }
 
 impl FitPlot {
+    /// Creates an empty figure of rows with this name.
+    pub fn new(name: RowsName) -> Self {
+        Self { name, ..Self::default() }
+    }
+
     /// Adds a block of rows: six columns each, in the order of [`Axis::ALL`], N and N·m.
     ///
     /// Rows that are not finite are skipped for the axis concerned.
@@ -102,7 +128,7 @@ pub fn fit_figure(
     let bands = axes.count().div_ceil(columns).max(1) as f64;
     let mut canvas = Figure::titled(size, width, TOP + bands * (BLOCK + side), title);
     let rows = match test {
-        None => format!("{} training rows", shown.rows()),
+        None => format!("{} {}", shown.rows(), shown.name.words()),
         Some(test) => {
             format!("{} test rows; outlined: {} training rows", test.rows(), train.rows())
         }

@@ -34,7 +34,7 @@ pub use axes::{PlotAxis, Spacing};
 pub use canvas::{Figure, Size};
 pub use chart::{ChannelCurve, Chart, ChartMark, Series, channel_figure};
 pub use coverage::coverage_figure;
-pub use fit::{FitPlot, fit_figure};
+pub use fit::{FitPlot, RowsName, fit_figure};
 pub use matching::match_figure;
 pub use trace::{WrenchTrace, trace_figure};
 

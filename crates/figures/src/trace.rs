@@ -14,6 +14,7 @@ const SLIVERS: usize = 2048;
 /// A wrench over time, reduced to the data of a figure.
 #[derive(Clone, Debug, Default)]
 pub struct WrenchTrace {
+    is_by_row: bool,
     axes: PerAxis<TraceCurve>,
 }
 
@@ -32,6 +33,11 @@ struct Sliver {
 }
 
 impl WrenchTrace {
+    /// Creates an empty trace along numbers of rows in place of times.
+    pub fn by_row() -> Self {
+        Self { is_by_row: true, ..Self::default() }
+    }
+
     /// Adds a block of rows: time in s, six columns of wrench in the order of [`Axis::ALL`], N and N·m. A
     /// column may be empty: its axis is then not drawn. Rows that are not finite are skipped.
     ///
@@ -115,7 +121,10 @@ pub fn trace_figure(size: Size, title: &str, trace: &WrenchTrace) -> Figure {
     for (row, &(axis, curve, _)) in shown.iter().enumerate() {
         let panel = Panel {
             area: wide_area(width, TOP + PANEL_PITCH * row as f64, PANEL_HEIGHT),
-            x: PlotAxis::linear("time", "s", time),
+            x: match trace.is_by_row {
+                true => PlotAxis::linear("row", "", time),
+                false => PlotAxis::linear("time", "s", time),
+            },
             y: PlotAxis::linear(axis.name(), axis.unit(), shown_range(curve)).padded(0.06),
         };
         panel.draw_grid(&mut canvas);

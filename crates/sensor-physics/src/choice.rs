@@ -151,7 +151,7 @@ impl Choice {
     }
 
     /// Fits the chosen candidate to the observations outside `groups`.
-    pub(super) fn without(&self, groups: &BTreeSet<u64>) -> PhysicsModel {
+    pub fn without(&self, groups: &BTreeSet<u64>) -> PhysicsModel {
         if let Some((_, known)) = self.fold_models.iter().find(|(fold, _)| fold == groups) {
             return known.clone();
         }

@@ -25,23 +25,23 @@ pub struct FitData {
 }
 
 impl FitData {
-    /// Reads the rows of logs, and the labels needed for their groups: also for the test logs if
-    /// `labels_tests`.
+    /// Reads the rows of logs, and the labels needed for their groups. For a report also the labels of the
+    /// test logs and the times.
     ///
     /// # Errors
     /// [`WorkflowError`] if a log cannot be read, or the logs differ in their channels or axes.
     pub fn read(
         train: &[Log],
         test: &[Log],
-        (options, labels_tests): (&FitOptions<'_>, bool),
+        (options, is_reported): (&FitOptions<'_>, bool),
         read: &ReadOptions<'_>,
     ) -> Result<Self, WorkflowError> {
         check_logs(train, test, &rows_wanted())?;
         let axes = agree_on_axes(train, &mut [])?;
         test.iter().try_for_each(|log| log.require_axes(axes))?;
-        let asked_of_tests = if labels_tests { GroupsAsked::IfAny } else { GroupsAsked::Nothing };
+        let asked_of_tests = if is_reported { GroupsAsked::IfAny } else { GroupsAsked::Nothing };
         let in_time = !options.dynamics.is_nothing();
-        let of_train = wanted_for(train, options.groups_asked(), in_time)?;
+        let of_train = wanted_for(train, options.groups_asked(), in_time || is_reported)?;
         let of_test = wanted_for(test, asked_of_tests, in_time)?;
         let logs: Vec<(&Log, Wanted)> = (train.iter().map(|log| (log, of_train.clone())))
             .chain(test.iter().map(|log| (log, of_test.clone())))
@@ -52,7 +52,7 @@ impl FitData {
         let channel_names = names.into_iter().flatten().map(str::to_owned).collect();
         let mut read = Self { train: data, test: tested, channel_names };
         sample_logs(&mut read.train, train, &of_train)?;
-        if labels_tests {
+        if is_reported {
             sample_logs(&mut read.test, test, &of_test)?;
         }
         Ok(read)
@@ -223,6 +223,7 @@ pub fn calibration_file(fit: &Fit, origin: Origin) -> CalibrationFile {
         train: fit.train,
         test: fit.test().quality().map(|axes| axes.map(as_a_result)),
         cross_validation: fit.cross_validation.clone().map(CrossValidation::without_folds),
+        spread: fit.spread(),
         selection: fit.selection.clone(),
         excitation: fit.excitation.clone(),
         test_leak: fit.leaks.in_test(),

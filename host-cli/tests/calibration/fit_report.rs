@@ -3,7 +3,9 @@
 use std::fs;
 use std::path::Path;
 
-use calibration::fit::{Workers, group_errors, label_poses_or_files};
+use calibration::fit::{
+    HeldOut, HeldOutModels, ModelRule, Workers, group_errors, label_poses_or_files,
+};
 use calibration::quality::{self, AxisQuality};
 use calibration::{Basis, FitOptions, fit};
 use log_file::{Log, Mapping, ReadOptions};
@@ -47,6 +49,10 @@ fn the_report_states_range_and_use() {
     assert!(!page.contains("must not be trusted"));
     // 125 poses and one group of the test log, of which ten are shown at once.
     assert!(page.contains("the 10 groups of rows with the largest"), "{page}");
+    // The poses by their errors while they were held out, and residuals of the held-out rows.
+    assert!(page.contains("held out"), "{page}");
+    assert!(page.contains("2500 held-out rows"), "{page}");
+    assert!(page.contains("Residuals of held-out rows over time:"), "{page}");
     assert!(page.contains("best on new groups: cubic"), "{page}");
     assert!(page.contains("None was found."), "{page}");
     assert!(page.contains("shellcal fit") && page.contains("xxh128:"), "{page}");
@@ -92,6 +98,32 @@ fn the_report_names_missing_data() {
     let said = run(dir, "fit --model cubic up.csv --report up.csv", 2);
     assert!(said.contains("up.csv"), "{said}");
     assert!(fs::read_to_string(dir.join("up.csv")).unwrap().starts_with("t_s,"));
+}
+
+/// Models that are fitted again without each fold err there as the cross-validation says, which found its errors from sums.
+#[test]
+fn residuals_of_held_out_rows_add_up_to_the_cross_validation() {
+    let path = data("synthetic-train.csv");
+    let logs = [Log::open(Path::new(&path), &Mapping::default()).unwrap()];
+    for model in [ModelRule::from(Basis::Cubic), ModelRule::Physics] {
+        let cross_validation = Some(HeldOut::Column);
+        let options = FitOptions { model, cross_validation, ..FitOptions::default() };
+        let read = ReadOptions::default();
+        let data = FitData::read(&logs, &[], (&options, false), &read).unwrap().train;
+        let fitted = fit(data, Dataset::default(), &options).unwrap();
+        let workers = Workers::default();
+        let models = HeldOutModels::new(&fitted, workers).unwrap().unwrap();
+        let mut all = PerAxis::default();
+        let groups = models.errors(&fitted, 100, workers).unwrap().groups;
+        groups.iter().for_each(|group| quality::merge(&mut all, &group.errors));
+        let known = fitted.cross_validation.unwrap();
+        assert_eq!(groups.len(), known.groups);
+        for (errors, known) in all.iter().zip(known.grouped) {
+            let found = errors.quality().unwrap();
+            // Coefficients have at least ten digits, the physics model is the same.
+            assert!((found.rms / known.rms - 1.0).abs() < 1e-8, "{} {}", found.rms, known.rms);
+        }
+    }
 }
 
 /// Groups are all rows, each once: the squares of their errors add up to those of the fit.

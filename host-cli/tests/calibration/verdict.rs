@@ -62,6 +62,59 @@ fn the_verdict_comes_first_and_limits_check_what_was_held_out() {
     assert!(said.contains("above the limit of 0.1300 N"), "{said}");
 }
 
+/// `eval` has what `fit --test` says of the same rows, from the calibration file.
+#[test]
+fn eval_has_the_screen_and_the_words_of_fit() {
+    let dir = tempfile::tempdir().unwrap();
+    let (train, test) =
+        (format!("{DATA}/synthetic-train.csv"), format!("{DATA}/synthetic-test.csv"));
+    let fit = format!("fit {train} --model cubic --cv -o cal.json");
+    let fitted = json(&dir, &format!("{fit} --test {test} --json"));
+    let found = json(&dir, &format!("eval cal.json {test} --json"));
+    assert_eq!(found["verdict"]["ok"], true);
+    assert_eq!(found["verdict"]["test_ratio"], fitted["verdict"]["test_ratio"]);
+    assert_eq!(found["verdict"]["promised_rms"], fitted["verdict"]["unseen_rms"]);
+    let text = succeed(&dir, &format!("eval cal.json {test}"));
+    let lines: Vec<&str> = text.lines().collect();
+    assert_eq!(lines[0], "OK: use it within the calibrated range");
+    assert!(lines[3].starts_with(" Fx (N)") && lines[3].contains(" holds 9"), "{text}");
+    assert!(lines[3].contains("0.116") && lines[3].contains("-2.8 to 2.9"), "{text}");
+    let line = |label: &str| lines.iter().find(|line| line.starts_with(label)).copied();
+    let of_fit = fitted["verdict"]["text"].as_array().unwrap();
+    let of_fit = of_fit.iter().filter_map(|line| line.as_str());
+    for label in ["test", "clock"] {
+        assert_eq!(line(label), of_fit.clone().find(|line| line.starts_with(label)), "{text}");
+    }
+    assert!(lines.len() <= 14 && lines.iter().all(|of| of.chars().count() <= 100), "{text}");
+    let text = succeed(&dir, &format!("eval cal.json {test} --verbose"));
+    assert!(text.contains("800 rows used, 0 skipped") && text.contains(" bias "), "{text}");
+
+    // The shares within the stated intervals: 95 % are meant.
+    let held = found["verdict"]["interval_95_held"].as_array().unwrap();
+    assert!(held.iter().all(|held| (0.85..=1.0).contains(&held.as_f64().unwrap())), "{held:?}");
+
+    let (text, _) = ended(&dir, &format!("eval cal.json {train}"), 0);
+    assert!(text.starts_with("NOT KNOWN: the error on new loads, `"), "{text}");
+    assert!(text.contains("was used for the fit"), "{text}");
+
+    // Fx and Fy exchanged.
+    let swapped = fs::read_to_string(&test).unwrap().replacen("fx_n,fy_n", "fy_n,fx_n", 1);
+    fs::write(dir.path().join("swapped.csv"), swapped).unwrap();
+    let text = succeed(&dir, "eval cal.json swapped.csv");
+    assert!(text.starts_with("NOT OK on the test: exchanging Fx and Fy brings "), "{text}");
+
+    // Several logs have their errors below.
+    fs::copy(&test, dir.path().join("other.csv")).unwrap();
+    let text = succeed(&dir, "eval cal.json swapped.csv other.csv");
+    assert!(text.starts_with("NOT OK on the test: in `swapped.csv` exchanging"), "{text}");
+    assert!(text.contains(" other.csv "), "{text}");
+
+    // Without held-out errors those of the training rows are compared.
+    succeed(&dir, &format!("fit {train} --model cubic -o plain.json"));
+    let text = succeed(&dir, &format!("eval plain.json {test}"));
+    assert!(text.starts_with("OK: ") && text.contains("error on training rows"), "{text}");
+}
+
 #[test]
 fn shuffled_rows_without_groups_are_reported_as_optimistic() {
     let dir = tempfile::tempdir().unwrap();

@@ -258,12 +258,25 @@ pub fn group_errors(
     sample: u64,
     workers: Workers<'_>,
 ) -> Result<GroupedErrors, FitError> {
+    let convert = |block: &LabelledBlock, predicted: &mut _| {
+        calibration.wrench(&block.rows.readings, predicted);
+    };
+    errors_by_group(convert, data, sample, workers)
+}
+
+/// The errors of any conversion of blocks to wrenches.
+pub(super) fn errors_by_group(
+    convert: impl Fn(&LabelledBlock, &mut PerAxis<Vec<f64>>) + Sync,
+    data: &Dataset,
+    sample: u64,
+    workers: Workers<'_>,
+) -> Result<GroupedErrors, FitError> {
     let stride = (data.rows() / sample.max(1)).max(1) as usize;
     // The groups of one block, with sums of loads in place of means.
     let work = |(): &mut (), (_, block): &(usize, &LabelledBlock)| {
         let (mut groups, mut predicted, mut start) = (Vec::new(), PerAxis::default(), 0);
         let (rows, wrench) = (block.rows.rows, &block.rows.wrench);
-        calibration.wrench(&block.rows.readings, &mut predicted);
+        convert(block, &mut predicted);
         for (label, rows) in block.labels.iter().filter(|(_, rows)| *rows > 0) {
             let of_group = start..start + rows;
             start = of_group.end;

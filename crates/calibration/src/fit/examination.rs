@@ -7,12 +7,15 @@ use super::parts::{ROWS, predicted, spread};
 use super::{Fit, contradictions};
 use crate::conversion::Calibration;
 use crate::groups::{GroupBy, HeldOut, label_groups};
+use crate::validation::excitation::Excitation;
 use least_squares::error::FitError;
 use least_squares::passes::Workers;
-use least_squares::quality::significant;
+use least_squares::quality::{AxisQuality, significant};
 use least_squares::uncertainty::student_quantile;
+use least_squares::validation::cross_validation::CrossValidation;
 use sensor_physics::COVERAGE_LEVEL;
 use shell_data::block::Block;
+use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
 /// A test fails if its error is certainly larger than this many times the promised error. The second limit
@@ -78,6 +81,102 @@ impl Fault {
     }
 }
 
+/// The errors that a calibration promises on new rows, and the loads that it was fitted to.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Promise {
+    /// Root mean square errors, N and N·m.
+    pub rms: PerAxis<f64>,
+    /// Possible increase of these errors in a new file, as a factor, from the scatter between files; 1 if no
+    /// files were held out.
+    pub spread: PerAxis<f64>,
+    /// True for errors on held-out rows, false for those on training rows.
+    pub is_held_out: bool,
+    /// Difference between the largest and the smallest training load of each axis, zero if it is not known.
+    pub range: PerAxis<f64>,
+}
+
+impl Promise {
+    /// Creates a promise from held-out errors and their spread between files or, without these, from the
+    /// errors on training rows.
+    pub fn new(
+        train: &PerAxis<AxisQuality>,
+        (held_out, spread): (Option<&CrossValidation>, Option<PerAxis<f64>>),
+        excitation: Option<&Excitation>,
+    ) -> Self {
+        let rms = |axis: usize| match held_out {
+            Some(found) => found.grouped[axis].rms,
+            None => train[axis].rms,
+        };
+        let range =
+            |axis: usize| excitation.map_or(0.0, |of| of.axes[axis].max - of.axes[axis].min);
+        Self {
+            rms: std::array::from_fn(rms),
+            spread: spread.unwrap_or([1.0; 6]),
+            is_held_out: held_out.is_some(),
+            range: std::array::from_fn(range),
+        }
+    }
+
+    /// The factor by which errors on a test may exceed the promise.
+    fn most(&self) -> f64 {
+        if self.is_held_out { MOST } else { MOST_OF_TRAINING }
+    }
+
+    /// Compares the errors on a test with the promise: the ratio on the axis that most certainly exceeds it,
+    /// and the fault if the test or one of its logs does. `outside` are the numbers of rows out of the
+    /// calibrated range and of all rows.
+    ///
+    /// # Errors
+    /// [`FitError::Interrupted`].
+    pub fn examine(
+        &self,
+        calibration: &Calibration,
+        tested: &Dataset,
+        outside: [u64; 2],
+        workers: Workers<'_>,
+    ) -> Result<(Option<TestRatio>, Option<Fault>), FitError> {
+        let most = self.most();
+        let whole = self.ratio(calibration, tested, workers)?;
+        let mut failed = whole.filter(|of| of.fails(most)).map(|of| of.words(outside));
+        // A few logs scatter too much to tell whether one of them is wrong.
+        for log in tested.logs.iter().filter(|_| tested.logs.len() > 1) {
+            if failed.is_some() {
+                break;
+            }
+            let alone = Dataset { logs: vec![log.clone()] };
+            let of_log = self.ratio(calibration, &alone, workers)?;
+            failed = of_log
+                .filter(|of| of.fails(most))
+                .map(|of| format!("in `{}` {}", log.name.display(), of.words(outside)));
+        }
+        let limit = self.least().map(|of| most * of);
+        let fault = failed.map(|words| cure_of_test(calibration, tested, &limit).unwrap_or(words));
+        Ok((whole, fault.map(Fault::of_test)))
+    }
+
+    /// The errors that are compared with those of a test, N and N·m.
+    fn least(&self) -> PerAxis<f64> {
+        std::array::from_fn(|axis| {
+            (self.spread[axis] * self.rms[axis]).max(NO_ERROR * self.range[axis])
+        })
+    }
+
+    /// The ratio of the errors on some rows to the promise, on the axis that most certainly exceeds it.
+    fn ratio(
+        &self,
+        calibration: &Calibration,
+        rows: &Dataset,
+        workers: Workers<'_>,
+    ) -> Result<Option<TestRatio>, FitError> {
+        let least = self.least();
+        let Some((_, labelled)) = label_groups(rows, HeldOut::Auto) else { return Ok(None) };
+        let groups = group_errors(calibration, &labelled, 0, workers)?.groups;
+        let ratios = calibration.axes.iter().filter(|axis| least[axis.index()] > 0.0);
+        let ratios = ratios.filter_map(|axis| TestRatio::new(axis, &groups, least[axis.index()]));
+        Ok(ratios.max_by(|a, b| a.interval[0].total_cmp(&b.interval[0])))
+    }
+}
+
 impl Fit {
     /// Examines the test and the training rows. This takes a small part of the time of the fit.
     ///
@@ -85,102 +184,61 @@ impl Fit {
     /// [`FitError::Interrupted`].
     pub fn examine(&mut self, workers: Workers<'_>) -> Result<(), FitError> {
         workers.start("examination");
-        let (limit, test) = self.test_ratio(workers)?;
-        let mut faults = Vec::new();
-        let fails = test.is_some_and(|of| of.fails(self.promise().1));
-        if let Some(of) = test.filter(|_| fails) {
-            faults.push(Fault::of_test(self.test_fault(&of, &limit)));
-        }
+        let test = self.test();
+        let outside = [test.out_of_range_rows, test.rows];
+        let promise = self.promise();
+        let (test, fault) = promise.examine(&self.calibration, &self.tested, outside, workers)?;
+        let mut faults: Vec<Fault> = fault.into_iter().collect();
         faults.extend(contradictions::find(self, workers)?.into_iter().map(Fault::of_data));
         self.examination = Some(Examination { test, faults });
         Ok(())
     }
 
-    /// The errors promised on new rows, and the factor by which errors on a test may exceed them.
-    pub(super) fn promise(&self) -> (PerAxis<f64>, f64) {
-        match &self.cross_validation {
-            Some(found) => {
-                let files = self.group_by.filter(|by| *by == GroupBy::File);
-                let spread = files.and_then(|_| found.spread()).unwrap_or([1.0; 6]);
-                (std::array::from_fn(|axis| spread[axis] * found.grouped[axis].rms), MOST)
-            }
-            None => (self.train.map(|of| of.rms), MOST_OF_TRAINING),
-        }
+    fn promise(&self) -> Promise {
+        let held_out = (self.cross_validation.as_ref(), self.spread());
+        Promise::new(&self.train, held_out, self.excitation.as_ref())
     }
 
-    /// The largest errors with which a test passes, and the ratio on the axis that most certainly exceeds its
-    /// promise.
-    fn test_ratio(
-        &self,
-        workers: Workers<'_>,
-    ) -> Result<(PerAxis<f64>, Option<TestRatio>), FitError> {
-        let (promise, most) = self.promise();
-        let range = |axis: usize| {
-            self.excitation.as_ref().map_or(0.0, |of| of.axes[axis].max - of.axes[axis].min)
-        };
-        let least: PerAxis<f64> =
-            std::array::from_fn(|axis| promise[axis].max(NO_ERROR * range(axis)));
-        let limit = least.map(|of| most * of);
-        let Some((_, labelled)) = label_groups(&self.tested, HeldOut::Auto) else {
-            return Ok((limit, None));
-        };
-        let groups = group_errors(&self.calibration, &labelled, 0, workers)?.groups;
-        let ratios = self.calibration.axes.iter().filter(|axis| least[axis.index()] > 0.0);
-        let ratios = ratios.filter_map(|axis| TestRatio::new(axis, &groups, least[axis.index()]));
-        Ok((limit, ratios.max_by(|a, b| a.interval[0].total_cmp(&b.interval[0]))))
+    /// The factor by which errors may be larger in a new file, from the scatter between files; `None` if no
+    /// files were held out.
+    pub fn spread(&self) -> Option<PerAxis<f64>> {
+        self.group_by.filter(|by| *by == GroupBy::File)?;
+        self.cross_validation.as_ref()?.spread()
     }
+}
 
-    /// Describes the fault of a test that fails.
-    fn test_fault(&self, of: &TestRatio, limit: &PerAxis<f64>) -> String {
-        if let Some(cure) = self.cure_of_test(limit) {
-            return cure;
-        }
-        let [low, high] = of.interval.map(|bound| significant(bound, 2));
-        let mut text = format!(
-            "{} errs by {} times what was promised (95 %: {low} to {high})",
-            of.axis.name(),
-            significant(of.ratio, 2)
-        );
-        let test = self.test();
-        if 2 * test.out_of_range_rows > test.rows {
-            let share = 100.0 * test.out_of_range_rows as f64 / test.rows as f64;
-            text += &format!(
-                "; {share:.0} % of its rows are out of the calibrated range of readings: was the sensor zeroed anew?"
-            );
-        }
-        text
+/// The change that cures the whole test, one of its files, or half of a file.
+fn cure_of_test(
+    calibration: &Calibration,
+    tested: &Dataset,
+    limit: &PerAxis<f64>,
+) -> Option<String> {
+    let axes = calibration.axes;
+    let search = |rows: &Block| cure(calibration, rows, limit, axes);
+    let logs: Vec<Vec<&Block>> = tested
+        .logs
+        .iter()
+        .map(|log| log.blocks.iter().map(|block| &*block.rows).collect())
+        .collect();
+    let all: Vec<&Block> = logs.iter().flatten().copied().collect();
+    if let Some(found) = search(&spread(&all, 0.0..1.0)) {
+        return Some(found.to_string());
     }
-
-    /// The change that cures the whole test, one of its files, or half of a file.
-    fn cure_of_test(&self, limit: &PerAxis<f64>) -> Option<String> {
-        let (calibration, axes) = (&self.calibration, self.calibration.axes);
-        let search = |rows: &Block| cure(calibration, rows, limit, axes);
-        let logs: Vec<Vec<&Block>> = self
-            .tested
-            .logs
-            .iter()
-            .map(|log| log.blocks.iter().map(|block| &*block.rows).collect())
-            .collect();
-        let all: Vec<&Block> = logs.iter().flatten().copied().collect();
-        if let Some(found) = search(&spread(&all, 0.0..1.0)) {
+    for (log, blocks) in tested.logs.iter().zip(&logs) {
+        let name = log.name.display();
+        if let Some(found) = search(&spread(blocks, 0.0..1.0)).filter(|_| logs.len() > 1) {
+            return Some(format!("in `{name}` {found}"));
+        }
+        if let Some(found) = late(calibration, blocks, limit, axes) {
             return Some(found.to_string());
         }
-        for (log, blocks) in self.tested.logs.iter().zip(&logs) {
-            let name = log.name.display();
-            if let Some(found) = search(&spread(blocks, 0.0..1.0)).filter(|_| logs.len() > 1) {
-                return Some(format!("in `{name}` {found}"));
-            }
-            if let Some(found) = late(calibration, blocks, limit, axes) {
-                return Some(found.to_string());
-            }
-            for (half, part) in [("first", 0.0..0.5), ("second", 0.5..1.0)] {
-                if let Some(found) = search(&spread(blocks, part)) {
-                    return Some(format!("in the {half} half of `{name}` {found}"));
-                }
+        for (half, part) in [("first", 0.0..0.5), ("second", 0.5..1.0)] {
+            if let Some(found) = search(&spread(blocks, part)) {
+                return Some(format!("in the {half} half of `{name}` {found}"));
             }
         }
-        None
     }
+    None
 }
 
 impl TestRatio {
@@ -208,6 +266,24 @@ impl TestRatio {
         };
         let interval = [ratio * (-half).exp(), ratio * half.exp()];
         ratio.is_finite().then_some(Self { axis, ratio, interval })
+    }
+
+    /// Describes an error that is too large, on a test of which `outside` of all rows are out of the calibrated
+    /// range.
+    fn words(&self, [outside, rows]: [u64; 2]) -> String {
+        let [low, high] = self.interval.map(|bound| significant(bound, 2));
+        let mut text = format!(
+            "{} errs by {} times what was promised (95 %: {low} to {high})",
+            self.axis.name(),
+            significant(self.ratio, 2)
+        );
+        if 2 * outside > rows {
+            let share = 100.0 * outside as f64 / rows as f64;
+            text += &format!(
+                "; {share:.0} % of its rows are out of the calibrated range of readings: was the sensor zeroed anew?"
+            );
+        }
+        text
     }
 
     /// Returns true if the error is certainly larger than `most` times the promised error. A single group has

@@ -32,6 +32,7 @@ mod contradictions;
 mod cures;
 mod evaluation;
 mod examination;
+mod held_out;
 mod means;
 mod options;
 mod outcome;
@@ -42,6 +43,7 @@ mod physics;
 mod polynomial;
 mod refits;
 mod screen;
+mod tested;
 mod verdict;
 mod warning;
 
@@ -49,7 +51,8 @@ pub use self::evaluation::{
     Better, Evaluation, GroupErrors, Leaks, PairedError, PairedErrors, evaluate, group_errors,
     paired_errors,
 };
-pub use self::examination::{Examination, Fault, FaultPlace, TestRatio};
+pub use self::examination::{Examination, Fault, FaultPlace, Promise, TestRatio};
+pub use self::held_out::HeldOutModels;
 pub use self::options::{CovarianceRule, FitOptions, GroupsAsked, ModelRule, OutlierRule};
 pub use self::outcome::Outcome;
 pub use self::outlier_search::find_outliers;
@@ -58,6 +61,7 @@ pub use self::physics::{ModelComparison, PhysicsFit};
 pub use self::polynomial::fit_sums;
 pub use self::refits::{RANDOM_FOLDS, random_split, sum_groups};
 pub use self::screen::Screen;
+pub use self::tested::{TestedCalibration, frame_interval};
 pub use self::verdict::{FrameInterval, UnseenErrors, UnseenRows, Verdict};
 pub use self::warning::{FewGroups, Warning};
 pub use crate::groups::{

@@ -87,7 +87,7 @@ pub(super) fn few_by_fold(rows: &GroupedRows, most: usize) -> Result<GroupedRows
     Ok(rows.every_nth(every).regrouped(&fold_of_groups(rows, folds)?))
 }
 
-fn fold_of_groups(rows: &GroupedRows, folds: usize) -> Result<Vec<usize>, FitError> {
+pub(super) fn fold_of_groups(rows: &GroupedRows, folds: usize) -> Result<Vec<usize>, FitError> {
     let sizes: Vec<u64> = rows.groups().map(|runs| count(runs) as u64).collect();
     if sizes.len() < 2 {
         return Err(FitError::TooFewGroups { found: sizes.len() });

@@ -1,9 +1,10 @@
 //! The screen of a fit: about twelve lines that say what the fit is worth. They are identical in the
-//! terminal, the report, the page and Python.
+//! terminal, the report, the page and Python. The screen of a test has the same rows and words.
 
-use super::examination::FaultPlace;
+use super::examination::{FaultPlace, TestRatio};
 use super::outcome::Outcome;
-use super::verdict::{UnseenRows, Verdict};
+use super::verdict::{FrameInterval, UnseenRows, Verdict};
+use crate::validation::excitation::Gap;
 use least_squares::quality::significant;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::Axis;
@@ -42,21 +43,13 @@ impl Verdict<'_> {
         let row = |axis: Axis| {
             let at = axis.index();
             let errors = self.unseen.as_ref().map_or(fit.train[at].rms, |of| of.rms[at]);
-            let interval = self.interval.as_ref().ok();
-            let half = interval.map(|of| format!("±{}", significant(of.half_width[at], 2)));
-            let range = fit.excitation.as_ref().map(|of| {
-                let [min, max] =
-                    [of.axes[at].min, of.axes[at].max].map(|load| significant(load, 2));
-                format!("{min} to {max}")
-            });
-            let mut row = vec![format!("{} ({})", axis.name(), axis.unit())];
-            let spread = self.unseen.as_ref().and_then(|of| of.spread);
-            let most = spread.map(|spread| format!(" to {}", significant(spread[at] * errors, 2)));
-            row.push(significant(errors, 3) + &most.unwrap_or_default());
-            row.push(half.unwrap_or_else(|| "unknown".to_owned()));
-            row.extend(test.map(|of| significant(of[at].rms, 3)));
-            row.push(range.unwrap_or_else(|| "unknown".to_owned()));
-            row
+            let spread = self.unseen.as_ref().and_then(|of| of.spread).map_or(1.0, |of| of[at]);
+            // The share of held-out rows is told with `--verbose`.
+            let interval =
+                self.interval.as_ref().ok().map(|of| FrameInterval { held: None, ..*of });
+            let range = fit.excitation.as_ref().map(|of| [of.axes[at].min, of.axes[at].max]);
+            let test = test.map(|of| of[at].rms);
+            axis_row(axis, Some((errors, spread)), interval.as_ref(), test, range)
         };
         let mut notes = vec![("model", self.model_words())];
         notes.extend(test.map(|_| ("test", self.test_words())));
@@ -90,28 +83,10 @@ impl Verdict<'_> {
 
     fn test_words(&self) -> String {
         let test = self.fit.test();
-        let mut said = match (self.fault(FaultPlace::Test), self.fit.leaks.in_test()) {
-            (Some(fault), _) => format!("NOT OK: {fault}"),
-            (None, Some(share)) => format!(
-                "NOT OK: {:.0} % of it was recorded at poses of the training data: test on other poses",
-                100.0 * share
-            ),
-            (None, None) => format!("OK: {} rows", test.rows),
-        };
         let ratio = self.fit.examination.as_ref().and_then(|of| of.test);
-        if let Some(of) = ratio.filter(|_| said.starts_with("OK")) {
-            let [low, high] = of.interval.map(|bound| significant(bound, 2));
-            let ratio = significant(of.ratio, 2);
-            said += &format!(", {} errs {ratio} times the error on the left", of.axis.name());
-            if of.interval[1].is_finite() {
-                said += &format!(" (95 %: {low} to {high})");
-            }
-        }
-        if test.out_of_range_rows > 0 {
-            let (outside, rows) = (test.out_of_range_rows, test.rows);
-            said += &format!("; {outside} of {rows} rows out of range");
-        }
-        said
+        let counts = [test.rows, test.out_of_range_rows];
+        let leak = self.fit.leaks.in_test();
+        test_words(self.fault(FaultPlace::Test), leak, counts, ratio.as_ref())
     }
 
     fn data_words(&self) -> String {
@@ -153,6 +128,78 @@ impl Verdict<'_> {
             Outcome::Found(found) => Some(found.words()),
         }
     }
+}
+
+/// The cells of an axis: its error on new rows and the factor by which this may be larger in a new file, the
+/// interval of a frame, the error on a test if there is one, and the range of the training loads.
+pub(super) fn axis_row(
+    axis: Axis,
+    errors: Option<(f64, f64)>,
+    interval: Option<&FrameInterval>,
+    test: Option<f64>,
+    range: Option<[f64; 2]>,
+) -> Vec<String> {
+    let (at, unknown) = (axis.index(), || "unknown".to_owned());
+    let errors = errors.map(|(rms, spread)| match spread {
+        1.0 => significant(rms, 3),
+        _ => format!("{} to {}", significant(rms, 3), significant(spread * rms, 2)),
+    });
+    let frames = interval.map(|of| {
+        let held = of.held.map(|held| format!(" holds {:.0} %", 100.0 * held[at]));
+        format!("±{}{}", significant(of.half_width[at], 2), held.unwrap_or_default())
+    });
+    let range = range.map(|range| range.map(|load| significant(load, 2)).join(" to "));
+    let mut row = vec![format!("{} ({})", axis.name(), axis.unit())];
+    row.extend([errors, frames].map(|cell| cell.unwrap_or_else(unknown)));
+    row.extend(test.map(|rms| significant(rms, 3)));
+    row.push(range.unwrap_or_else(unknown));
+    row
+}
+
+/// The line about a test: its fault, the share of it that was recorded at poses of the training data, its
+/// numbers of rows and of rows out of range, and its errors relative to the promised ones.
+pub(super) fn test_words(
+    fault: Option<&str>,
+    leak: Option<f64>,
+    [rows, outside]: [u64; 2],
+    ratio: Option<&TestRatio>,
+) -> String {
+    let mut said = match (fault, leak) {
+        (Some(fault), _) => format!("NOT OK: {fault}"),
+        (None, Some(share)) => format!(
+            "NOT OK: {:.0} % of it was recorded at poses of the training data: test on other poses",
+            100.0 * share
+        ),
+        (None, None) => format!("OK: {rows} rows"),
+    };
+    if let Some(of) = ratio.filter(|_| said.starts_with("OK")) {
+        let [low, high] = of.interval.map(|bound| significant(bound, 2));
+        let ratio = significant(of.ratio, 2);
+        said += &format!(", {} errs {ratio} times the error on the left", of.axis.name());
+        if of.interval[1].is_finite() {
+            said += &format!(" (95 %: {low} to {high})");
+        }
+    }
+    if outside > 0 {
+        said += &format!("; {outside} of {rows} rows out of range");
+    }
+    said
+}
+
+/// The next step: against a gap in the loads or, without one, the errors as shares of the range of loads;
+/// `None` if neither is known.
+pub(super) fn next_words(
+    gap: Option<&Gap>,
+    shares: impl Iterator<Item = (Axis, f64)>,
+) -> Option<String> {
+    let largest = || {
+        let (axis, _) = shares.max_by(|a, b| a.1.total_cmp(&b.1))?;
+        let axis = axis.name();
+        Some(format!(
+            "record more poses with large loads on {axis}, the axis with the largest relative error"
+        ))
+    };
+    gap.map(Gap::to_string).or_else(largest)
 }
 
 /// Number of days on which rows were recorded, if their times are calendar times.

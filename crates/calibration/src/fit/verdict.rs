@@ -2,9 +2,9 @@
 //! to record next.
 
 use super::examination::{Examination, Fault, FaultPlace};
-use super::{Fit, FitMethod};
+use super::{Fit, FitMethod, screen};
 use crate::groups::GroupBy;
-use crate::validation::excitation::Gap;
+use crate::validation::excitation::{Excitation, Gap};
 use sensor_physics::COVERAGE_LEVEL;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
@@ -78,11 +78,7 @@ impl Fit {
     pub fn verdict(&self) -> Verdict<'_> {
         let (axes, unseen) = (self.calibration.axes, unseen_errors(self));
         let errors = unseen.as_ref().map_or(self.train.map(|of| of.rms), |of| of.rms);
-        let is_useless = |axis: &Axis| {
-            let load = self.excitation.as_ref().map_or(0.0, |of| of.axes[axis.index()].rms);
-            load > 0.0 && errors[axis.index()] > USELESS * load
-        };
-        let useless = axes.iter().filter(is_useless).collect();
+        let useless = useless_axes(axes, &errors, self.excitation.as_ref());
         let gaps = self.excitation.as_ref().map(|of| of.gaps(axes)).unwrap_or_default();
         Verdict { fit: self, axes, unseen, interval: interval(self), useless, gaps }
     }
@@ -171,25 +167,17 @@ impl Verdict<'_> {
     }
 
     pub(super) fn next_words(&self) -> String {
-        if let Some(gap) = self.gaps.first() {
-            return gap.to_string();
-        }
         let shares = self.unseen.as_ref().map(|of| of.share_of_range).unwrap_or_default();
         let known = self.axes.iter().filter_map(|axis| Some((axis, shares[axis.index()]?)));
-        match known.max_by(|a, b| a.1.total_cmp(&b.1)) {
-            Some((axis, _)) => format!(
-                "record more poses with large loads on {}, the axis with the largest relative error",
-                axis.name()
-            ),
-            None if self.fit.not_judged.is_none() => {
-                "hold out part of the loads (`--cv`), for the error on new ones".to_owned()
-            }
-            None => {
+        let judge = || match self.fit.not_judged {
+            None => "hold out part of the loads (`--cv`), for the error on new ones".to_owned(),
+            Some(_) => {
                 "record loads in several poses, with a column `group` that numbers them, or in \
                      several files"
                     .to_owned()
             }
-        }
+        };
+        screen::next_words(self.gaps.first(), known).unwrap_or_else(judge)
     }
 }
 
@@ -214,6 +202,19 @@ impl UnseenRows {
     }
 }
 
+/// The axes whose error is about as large as the training loads.
+pub(super) fn useless_axes(
+    axes: Axes,
+    errors: &PerAxis<f64>,
+    excitation: Option<&Excitation>,
+) -> Axes {
+    let is_useless = |axis: &Axis| {
+        let load = excitation.map_or(0.0, |of| of.axes[axis.index()].rms);
+        load > 0.0 && errors[axis.index()] > USELESS * load
+    };
+    axes.iter().filter(is_useless).collect()
+}
+
 fn unseen_errors(fit: &Fit) -> Option<UnseenErrors> {
     let test = fit.test();
     let (rms, on) = match (&fit.cross_validation, fit.group_by, test.quality()) {
@@ -231,11 +232,7 @@ fn unseen_errors(fit: &Fit) -> Option<UnseenErrors> {
         let range = loads.max - loads.min;
         (range > 0.0).then(|| rms[axis] / range)
     });
-    let spread = match (&fit.cross_validation, fit.group_by) {
-        (Some(found), Some(GroupBy::File)) => found.spread(),
-        _ => None,
-    };
-    Some(UnseenErrors { rms, share_of_range, on, spread })
+    Some(UnseenErrors { rms, share_of_range, on, spread: fit.spread() })
 }
 
 /// The mean standard error of unseen rows that resemble the training rows, N and N·m; `None` if the fit has

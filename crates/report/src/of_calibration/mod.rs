@@ -2,11 +2,13 @@
 
 mod certificate;
 mod limits;
+mod residuals;
 
 use std::fmt::Write;
 
 pub use certificate::{Certificate, CheckedLoad, Contribution};
 use limits::limits;
+use residuals::residuals;
 
 use super::markup::{
     Column, drawing, escape, facts_table, figure, folded, page, reproduction, table,
@@ -15,7 +17,8 @@ use super::sections::calibration::{errors_table, facts, sources_table};
 use super::units::{AxisUnits, axis_names};
 use super::{Heading, OutlierTable};
 use calibration::fit::{
-    Fit, FitMethod, FoundKind, GroupBy, GroupErrors, group_errors, label_poses_or_files,
+    Fit, FitMethod, FoundKind, GroupBy, GroupErrors, HeldOutModels, Workers, group_errors,
+    label_poses_or_files,
 };
 use calibration::validation::excitation::{AxisExcitation, Excitation};
 use calibration::validation::selection::Selection;
@@ -77,10 +80,14 @@ impl CalibrationReport<'_> {
         let Self { fit, file, command, .. } = *self;
         let calibration = &file.calibration;
         let errors = |data: &Dataset| group_errors(calibration, data, LOADS, Default::default());
-        let train = errors(&labelled(fit))?;
+        let held_out = HeldOutModels::new(fit, Workers::default())?;
+        let (set, train) = match &held_out {
+            Some(models) => ("held out", models.errors(fit, LOADS, Workers::default())?),
+            None => ("training", errors(&labelled(fit))?),
+        };
         let test = errors(&label_poses_or_files(&fit.tested))?;
         let mut groups: Vec<(&str, &GroupErrors)> = Vec::new();
-        groups.extend(train.groups.iter().map(|group| ("training", group)));
+        groups.extend(train.groups.iter().map(|group| (set, group)));
         groups.extend(test.groups.iter().map(|group| ("test", group)));
         let title = format!("Calibration {}", calibration.name());
         let coverage_svg = coverage_figure(&train.loads, &test.loads).svg();
@@ -89,6 +96,7 @@ impl CalibrationReport<'_> {
             ("limits", "What it must not be used for", list(&limits(self))),
             ("figure", "Predicted against measured", predicted(self, &title)),
             ("coverage", "Which loads were calibrated", coverage(self, &coverage_svg)),
+            ("held-out", "Errors on held-out groups", residuals(self, held_out.as_ref(), &title)),
             ("groups", "By pose", by_group(&groups, calibration.axes)),
             ("model", "Which model, and why", model(self)),
             ("outliers", "Suspicious rows", outliers(self)),

@@ -1,24 +1,29 @@
 //! `shellcal eval`: the errors of a calibration against a measured wrench.
 
 use anyhow::Context;
-use calibration::fit::{Evaluation, Workers, evaluate};
+use calibration::Calibration;
+use calibration::fit::{
+    Evaluation, Examination, Fault, Promise, TestedCalibration, Workers, evaluate, frame_interval,
+};
+use calibration::physics::COVERAGE_LEVEL;
 use calibration::quality::{AxisQuality, significant};
-use calibration_file::{CalibrationFile, Role, SourceFile};
+use calibration_file::{CalibrationFile, Diagnostics, Role, SourceFile};
 use clap::builder::TypedValueParser;
 use figures::{FitPlot, fit_figure};
 use log_file::{Log, ReadOptions, Wanted, read_dataset};
 use report::add_to_plot;
 use serde::Serialize;
-use shell_data::dataset::{Dataset, RowSet};
+use shell_data::dataset::{Dataset, LabelledBlock, RowSet};
 use shell_data::wrench::{Axes, Axis, PerAxis};
 use shellcal::workflow::check_channels;
+use shellcal::workflow::convert::interval_factors;
 use shellcal::workflow::gates::{ErrorLimits, Gate, GateFailure};
 
 use super::choices::{number_in, one_of};
 use super::compare::ComparedCalibrations;
 use super::mapping::{CompanionArgs, EditedArg, MappingArgs};
 use super::outputs::FigureArgs;
-use super::quality::table_row;
+use super::quality::{print_screen, table_row, test_ratio};
 use crate::files::InputPath;
 use crate::printer::{Outcome, Printer};
 
@@ -106,6 +111,7 @@ impl EvalArgs {
             return compared.run(logs, &self.mapping, printer);
         }
         let (mut calibration, sources) = (file.calibration, file.origin.sources);
+        let diagnostics = file.origin.diagnostics;
         let limits = self.limits.of(self.axes.named());
         let measured: Vec<Axes> = logs.iter().map(Log::axes).collect();
         let axes = limits.compared(calibration.axes, &mut logs)?;
@@ -116,7 +122,7 @@ impl EvalArgs {
 
         let workers = Workers::new(self.mapping.threads.map_or(0, usize::from));
         let (mut all, mut gate) = (Evaluation::default(), Gate::default());
-        let mut reports = Vec::new();
+        let (mut reports, mut tested, mut fitted_to) = (Vec::new(), Dataset::default(), None);
         for (log, measured) in logs.iter().zip(measured) {
             check_channels(log, calibration.channels())?;
             let time = calibration.needs_time() || log.has_time() && calibration.lag.is_some();
@@ -126,10 +132,11 @@ impl EvalArgs {
             let rows = calibration.prepared(&rows)?;
             let rows = rows.select(self.fresh, &RowSet::default());
             if is_trained_on(&rows, &sources) {
+                let name = log.path().display().to_string();
                 printer.warning(format!(
-                    "`{}` was used for the fit: its errors are those of training, not of new loads",
-                    log.path().display()
+                    "`{name}` was used for the fit: its errors are those of training, not of new loads"
                 ));
+                fitted_to.get_or_insert(name);
             }
             let evaluation = Evaluation::total(&evaluate(&calibration, &rows, workers)?);
             all.merge(&evaluation);
@@ -140,8 +147,24 @@ impl EvalArgs {
             }
             let name = Some(log.path().display().to_string());
             reports.push(LogEvaluation::new(name, evaluation, axes)?);
+            tested.logs.extend(rows.logs);
         }
         let all = LogEvaluation::new(None, all, axes)?;
+        let names = logs[0].value_names().into_iter().take(calibration.channels());
+        let names: Vec<String> = names.map(str::to_owned).collect();
+        let promise = diagnostics.as_ref().map(Diagnostics::promise);
+        let verdict = TestedCalibration {
+            examination: examine(&calibration, promise.as_ref(), (&tested, &names), workers)?,
+            interval: interval_factors(&calibration, COVERAGE_LEVEL)
+                .ok()
+                .and_then(|factors| frame_interval(&calibration, &factors, &tested)),
+            calibration: &calibration,
+            promise,
+            excitation: diagnostics.as_ref().and_then(|of| of.excitation.as_ref()),
+            evaluation: &all.evaluation,
+            quality: &all.quality,
+            fitted_to,
+        };
         limits.ask_errors(&mut gate, axes, "", &all.quality.map(|axis| axis.rms));
         let outcome = printer.judge(&gate);
         if let (Some(figure), Some(plot)) = (figure, &plot) {
@@ -154,6 +177,7 @@ impl EvalArgs {
         });
         let document = document! {
             axes: axes.columns(),
+            verdict: verdict_document(&verdict),
             logs: reports.iter().map(|of| of.document(axes)).collect::<Vec<_>>(),
             all: all.document(axes),
             above_limit: above_limit.collect::<Vec<_>>(),
@@ -161,8 +185,13 @@ impl EvalArgs {
             not_compared: gate.not_compared().columns(),
         };
         printer.finish(&document, |printer| {
-            let all = (reports.len() > 1).then_some(&all);
-            reports.iter().chain(all).for_each(|of| of.print(printer, axes))
+            print_screen(printer, &verdict.screen());
+            if reports.len() > 1 {
+                print_logs(printer, &reports, axes);
+            }
+            if printer.is_verbose() {
+                reports.iter().for_each(|of| of.print(printer, axes));
+            }
         })?;
         Ok(outcome)
     }
@@ -213,6 +242,55 @@ fn note_axes(
     }
 }
 
+/// Faults of some rows, given with the names of their channels, and their errors compared with the promised ones.
+fn examine(
+    calibration: &Calibration,
+    promise: Option<&Promise>,
+    (rows, names): (&Dataset, &[String]),
+    workers: Workers<'_>,
+) -> anyhow::Result<Examination> {
+    let outside = |block: &LabelledBlock| calibration.rows_out_of_range(&block.rows.readings);
+    let outside = rows.blocks().map(|(_, block)| outside(block)).sum();
+    let outside = [outside, rows.rows()];
+    let compare = |promise: &Promise| promise.examine(calibration, rows, outside, workers);
+    let (test, fault) = promise.map(compare).transpose()?.unwrap_or_default();
+    let found = doctor::check_rows(rows, names);
+    let faults = found.into_iter().map(|finding| Fault::of_test(finding.seen)).chain(fault);
+    Ok(Examination { test, faults: faults.collect() })
+}
+
+/// The output of `--json` for a verdict, with the words of `fit`.
+fn verdict_document(verdict: &TestedCalibration<'_>) -> impl Serialize {
+    let axes = verdict.calibration.axes;
+    let interval = verdict.interval.as_ref();
+    document! {
+        text: verdict.screen().lines(),
+        ok: verdict.is_ok(),
+        reasons: verdict.reasons(),
+        test_ratio?: verdict.examination.test.map(test_ratio),
+        // Errors that the fit promised on new rows, N and N·m.
+        promised_rms?: verdict.promise.as_ref().map(|of| axes.of(&of.rms)),
+        // Mean half-width of the intervals that should contain 95 % of frames, N and N·m.
+        interval_95?: interval.map(|of| axes.of(&of.half_width)),
+        // Share of rows within their interval.
+        interval_95_held?: interval.and_then(|of| of.held).map(|held| axes.of(&held)),
+    }
+}
+
+/// The errors of several logs, a row for each.
+fn print_logs(printer: &Printer, logs: &[LogEvaluation], axes: Axes) {
+    let mut header = vec!["log".to_owned(), "rows".to_owned()];
+    header.extend(axes.iter().map(|axis| format!("{} ({})", axis.name(), axis.unit())));
+    let row = |of: &LogEvaluation| {
+        let mut row = vec![of.log.clone().unwrap_or_default(), of.evaluation.rows.to_string()];
+        row.extend(axes.iter().map(|axis| significant(of.quality[axis.index()].rms, 3)));
+        row
+    };
+    let header: Vec<&str> = header.iter().map(String::as_str).collect();
+    printer.line("");
+    printer.table(&header, logs.iter().map(row));
+}
+
 impl LogEvaluation {
     fn new(log: Option<String>, evaluation: Evaluation, axes: Axes) -> anyhow::Result<Self> {
         let name = log.as_deref().unwrap_or_default();
@@ -235,7 +313,8 @@ impl LogEvaluation {
     }
 
     fn print(&self, printer: &Printer, axes: Axes) {
-        let (name, of) = (self.log.as_deref().unwrap_or("all logs"), &self.evaluation);
+        let (name, of) = (self.log.as_deref().unwrap_or_default(), &self.evaluation);
+        printer.line("");
         printer.line(format!(
             "{name}: {} rows used, {} skipped, {} repeated, {} outside the calibrated range",
             of.rows, of.skipped_rows, of.repeated_rows, of.out_of_range_rows

@@ -2,13 +2,14 @@
 //! coverage of the training loads.
 
 use calibration::Basis;
-use calibration::fit::ModelComparison;
+use calibration::fit::{ModelComparison, Screen, TestRatio};
 use calibration::quality::{AxisQuality, significant};
 use calibration::validation::cross_validation::CrossValidation;
 use calibration::validation::excitation::Excitation;
 use calibration::validation::selection::Advice;
 use calibration::validation::selection::{Candidate, Selection};
 use calibration_file::Diagnostics;
+use serde::Serialize;
 use shell_data::hint::quoted;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
@@ -28,6 +29,23 @@ pub(super) fn table_row(axis: Axis, sets: &[&PerAxis<AxisQuality>]) -> Vec<Strin
     }
     row.push(axis.unit().to_owned());
     row
+}
+
+/// Prints the screen of a fit or of a test.
+pub(super) fn print_screen(printer: &Printer, screen: &Screen) {
+    screen.headlines().into_iter().for_each(|line| printer.line(line));
+    let header: Vec<&str> = screen.header.iter().map(String::as_str).collect();
+    printer.table(&header, screen.rows.iter().cloned());
+    screen.note_lines().into_iter().for_each(|line| printer.line(line));
+}
+
+/// The output of `--json` for the error on a test relative to the promised error, on the axis with the largest ratio.
+pub(super) fn test_ratio(of: TestRatio) -> impl Serialize {
+    document! {
+        axis: of.axis.column(),
+        of.{ratio},
+        interval_95: of.interval.map(|bound| bound.is_finite().then_some(bound)),
+    }
 }
 
 /// Prints the table of errors on training and test rows.

@@ -18,6 +18,7 @@ use shellcal::workflow::outliers::NamedOutliers;
 
 use super::super::quality::{
     in_line, print_advice, print_cross_validation, print_errors, print_excitation, print_selection,
+    test_ratio,
 };
 use super::hung_loads;
 use crate::printer::Printer;
@@ -26,7 +27,7 @@ use crate::printer::Printer;
 fn verdict(verdict: &Verdict<'_>) -> impl Serialize + use<> {
     let (axes, unseen) = (verdict.axes, verdict.unseen.as_ref());
     let interval = verdict.interval.as_ref().ok();
-    let test = verdict.examination().and_then(|of| of.test);
+    let test = verdict.examination().and_then(|of| of.test).map(test_ratio);
     document! {
         // The verdict in words.
         text: verdict.screen("").lines(),
@@ -37,11 +38,7 @@ fn verdict(verdict: &Verdict<'_>) -> impl Serialize + use<> {
         // Faults of test or training rows.
         faults: verdict.examination().map(|of| of.faults.clone()).unwrap_or_default(),
         // Ratio of the error on the test to the promised error, on the axis with the largest ratio.
-        test_ratio?: test.map(|of| document! {
-            axis: of.axis.column(),
-            of.{ratio},
-            interval_95: of.interval.map(|bound| bound.is_finite().then_some(bound)),
-        }),
+        test_ratio?: test,
         // Errors on rows that were not used, N and N·m.
         unseen_rms?: unseen.map(|of| axes.of(&of.rms)),
         // Factor of a possible increase in a new file, from the scatter between files.

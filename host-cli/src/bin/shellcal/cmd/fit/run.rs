@@ -23,6 +23,7 @@ use shellcal::workflow::remark::Remark;
 use super::super::mapping::{cut_off, open_logs};
 use super::super::outputs;
 use super::super::plan::read_table;
+use super::super::quality::print_screen;
 use super::report::report;
 use super::stages::StageTimes;
 use super::{FitArgs, SearchArg, hung_loads};
@@ -110,11 +111,7 @@ impl FitArgs {
             [] => "nothing saved: give -o FILE".to_owned(),
             files => files.join(", "),
         };
-        let screen = fitted.verdict().screen(&files);
-        screen.headlines().into_iter().for_each(|line| printer.line(line));
-        let header: Vec<&str> = screen.header.iter().map(String::as_str).collect();
-        printer.table(&header, screen.rows.iter().cloned());
-        screen.note_lines().into_iter().for_each(|line| printer.line(line));
+        print_screen(printer, &fitted.verdict().screen(&files));
     }
 
     /// Reads the logs and fits.

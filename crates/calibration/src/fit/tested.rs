@@ -1,0 +1,157 @@
+//! The verdict on a calibration by measured rows that it was not fitted to: a screen with the layout and the
+//! words of a fit's.
+
+use super::evaluation::Evaluation;
+use super::examination::{Examination, Promise};
+use super::parts::spread;
+use super::screen::{Screen, axis_row, next_words, test_words};
+use super::verdict::{FrameInterval, useless_axes};
+use crate::conversion::Calibration;
+use crate::dynamics::Dynamics;
+use crate::validation::excitation::{Excitation, Gap};
+use least_squares::quality::AxisQuality;
+use shell_data::block::Block;
+use shell_data::dataset::Dataset;
+use shell_data::wrench::{Axes, Axis, PerAxis};
+
+/// A calibration, and its errors on the rows of some logs.
+#[derive(Clone, Debug)]
+pub struct TestedCalibration<'a> {
+    /// The calibration, with the axes that were compared.
+    pub calibration: &'a Calibration,
+    /// The errors that its fit promised, if they are known.
+    pub promise: Option<Promise>,
+    /// The loads that it was fitted to, if they are known.
+    pub excitation: Option<&'a Excitation>,
+    /// The errors.
+    pub evaluation: &'a Evaluation,
+    /// Root mean squares and more of these errors.
+    pub quality: &'a PerAxis<AxisQuality>,
+    /// The 95 % intervals of the rows, if they are known.
+    pub interval: Option<FrameInterval>,
+    /// The comparison with the promise, and faults of the rows.
+    pub examination: Examination,
+    /// A log that it was fitted to, if there is one among those of the test.
+    pub fitted_to: Option<String>,
+}
+
+impl TestedCalibration<'_> {
+    /// Returns true if errors on new rows are known, and every check has passed.
+    pub fn is_ok(&self) -> bool {
+        self.fitted_to.is_none() && self.promise.is_some() && self.reasons().is_empty()
+    }
+
+    /// The reasons not to use the calibration, most important first.
+    pub fn reasons(&self) -> Vec<String> {
+        let faults = self.examination.faults.iter();
+        let faults = faults.map(|fault| format!(" on the test: {}", fault.text));
+        let is_useless = self.useless() == self.calibration.axes;
+        let useless = is_useless.then(|| ": its errors are about as large as the loads".to_owned());
+        faults.chain(useless).collect()
+    }
+
+    fn useless(&self) -> Axes {
+        let errors = self.quality.map(|of| of.rms);
+        useless_axes(self.calibration.axes, &errors, self.excitation)
+    }
+
+    fn headline(&self) -> String {
+        if let Some(reason) = self.reasons().first() {
+            return format!("NOT OK{reason}");
+        }
+        let unknown = match (&self.fitted_to, &self.promise) {
+            (Some(log), _) => format!("`{log}` was used for the fit"),
+            (None, None) => "the calibration file promises none to compare with".to_owned(),
+            (None, Some(_)) => {
+                let useless = self.useless();
+                let but = match useless.is_empty() {
+                    true => String::new(),
+                    false => {
+                        format!(
+                            "; not for {useless}, where the error is about as large as the loads"
+                        )
+                    }
+                };
+                return format!("OK: use it within the calibrated range{but}");
+            }
+        };
+        format!("NOT KNOWN: the error on new loads, {unknown}")
+    }
+
+    /// The screen.
+    pub fn screen(&self) -> Screen {
+        let is_held_out = self.promise.as_ref().is_none_or(|promise| promise.is_held_out);
+        let promised = match is_held_out {
+            true => "error promised",
+            false => "error on training rows",
+        };
+        let header = ["axis", promised, "95 % of frames", "error on your test", "calibrated range"];
+        let row = |axis: Axis| {
+            let at = axis.index();
+            let promised = self.promise.as_ref().map(|of| (of.rms[at], of.spread[at]));
+            let range = self.excitation.map(|of| [of.axes[at].min, of.axes[at].max]);
+            axis_row(axis, promised, self.interval.as_ref(), Some(self.quality[at].rms), range)
+        };
+        let fault = self.examination.faults.first().map(|fault| fault.text.as_str());
+        let counts = [self.evaluation.rows, self.evaluation.out_of_range_rows];
+        let mut test = test_words(fault, None, counts, self.examination.test.as_ref());
+        if self.evaluation.skipped_rows > 0 {
+            test += &format!("; {} bad rows left out", self.evaluation.skipped_rows);
+        }
+        let mut notes = vec![("model", self.calibration.name()), ("test", test)];
+        notes.extend(self.clock_words().map(|words| ("clock", words)));
+        let gap = self.excitation.and_then(|of| of.gaps(self.calibration.axes).into_iter().next());
+        notes.push(("next", self.next_words(gap.as_ref())));
+        Screen {
+            headline: self.headline(),
+            header: header.map(str::to_owned).to_vec(),
+            rows: self.calibration.axes.iter().map(row).collect(),
+            notes,
+        }
+    }
+
+    fn next_words(&self, gap: Option<&Gap>) -> String {
+        let share = |axis: Axis| {
+            let range = self.promise.as_ref()?.range[axis.index()];
+            (range > 0.0).then(|| (axis, self.quality[axis.index()].rms / range))
+        };
+        let shares = self.calibration.axes.iter().filter_map(share);
+        next_words(gap, shares)
+            .unwrap_or_else(|| "fit again, for errors to compare with".to_owned())
+    }
+
+    fn clock_words(&self) -> Option<String> {
+        let Calibration { lag, memory, .. } = self.calibration;
+        let time_base = lag.map(|lag| lag.time_base).or(memory.as_ref().map(|of| of.time_base))?;
+        let (lag, memory) = (*lag, memory.clone());
+        let of = Dynamics { time_base, lag, lag_standard_error: None, memory, gain: None };
+        Some(of.words())
+    }
+}
+
+/// The mean half-width of the 95 % intervals of some rows, and the share of rows within theirs, from a sample
+/// of the rows; `None` if the calibration has no standard errors. `factors` are the half-widths in standard
+/// errors.
+pub fn frame_interval(
+    calibration: &Calibration,
+    factors: &PerAxis<f64>,
+    data: &Dataset,
+) -> Option<FrameInterval> {
+    let blocks: Vec<&Block> = data.blocks().map(|(_, block)| &*block.rows).collect();
+    let rows = spread(&blocks, 0.0..1.0);
+    let errors = calibration.standard_errors(&rows.readings, None)?;
+    let mut predicted = PerAxis::default();
+    calibration.wrench(&rows.readings, &mut predicted);
+    let count = rows.rows.max(1) as f64;
+    let mean = |axis: usize| errors[axis].iter().sum::<f64>() / count * factors[axis];
+    let held = |axis: usize| {
+        let pairs = predicted[axis].iter().zip(&rows.wrench[axis]).zip(&errors[axis]);
+        let within =
+            pairs.filter(|((said, load), error)| (*said - *load).abs() <= factors[axis] * **error);
+        within.count() as f64 / count
+    };
+    Some(FrameInterval {
+        half_width: std::array::from_fn(mean),
+        held: Some(std::array::from_fn(held)),
+    })
+}
