@@ -54,8 +54,13 @@ impl Weight {
 
 /// Rows of the simulated sensor, 20 for each weight: group, readings, wrench.
 fn log(weights: &[Weight], label: bool, seed: u64) -> String {
+    log_of_springs(weights, label, seed, true)
+}
+
+/// As [`log`], with springs that are elastic, or creep and stick.
+fn log_of_springs(weights: &[Weight], label: bool, seed: u64, elastic: bool) -> String {
     let mut unit = SensorParameters::nominal().unit(1);
-    unit.elastic = true;
+    unit.elastic = elastic;
     let mut sensor = SensorModel::new(&unit, seed).unwrap();
     let mut text = String::from(if label { "t,group," } else { "t," });
     text += "s1,s2,s3,s4,s5,s6,s7,s8,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm\n";
@@ -136,6 +141,32 @@ fn a_mistyped_angle_is_named_and_neither_it_nor_small_ones_spoil_the_calibration
         let ratio = ratio(&errors(dir, "typed.json"), &errors(dir, "true.json"));
         assert!(ratio <= 1.2, "seed {seed}: {ratio}");
     }
+}
+
+/// Half as many loads, springs that creep and stick, and no errors stated: an angle of a load of 2 N that is 30° off is
+/// mostly named. Lighter loads move by less than such springs and so few loads tell.
+#[test]
+fn a_mistyped_angle_is_named_under_creep_and_without_stated_errors() {
+    let mut named = 0;
+    for seed in 11..=20 {
+        let dir = tempfile::tempdir().unwrap();
+        let dir = dir.path();
+        let mut random = Random(seed);
+        let weights: Vec<Weight> = (0..24).map(|_| Weight::new(&mut random)).collect();
+        write(dir, "session.csv", &log_of_springs(&weights, true, seed, false));
+        let mut typed = weights.clone();
+        let wrong = weights.iter().position(|weight| weight.mass_kg == 0.2).unwrap();
+        typed[wrong].elevation_deg += if typed[wrong].elevation_deg > 0.0 { -30.0 } else { 30.0 };
+        write(dir, "typed.csv", &table(&typed, ",,"));
+        let found = json(dir, "fit session.csv --loads typed.csv --json");
+        let loads = found["hung"]["loads"].as_array().unwrap();
+        let suspicious = (0..24).filter(|&at| loads[at]["suspicious"] == "direction");
+        let suspicious: Vec<usize> = suspicious.collect();
+        assert!(suspicious.iter().all(|&at| at == wrong), "seed {seed}: {suspicious:?}");
+        named += suspicious.len();
+    }
+    // Eight of these ten; the others are taken for a bend of the sensors.
+    assert!(named >= 7, "{named} of 10");
 }
 
 #[test]
