@@ -10,7 +10,9 @@
 //! - the noise of the window's mean, from the same noise over its frames;
 //! - the error of the model, such as play in the springs. It does not average out over a window, and is taken
 //!   as the same share of any load, `(1 − R²)·(1 − σ²/S)·F²`: the training data's unexplained variance S
-//!   without the noise σ² of a frame.
+//!   without the noise σ² of a frame;
+//! - with memory terms, the force that they would add if they did not fade. They are learned from loads that
+//!   are held for a short time; under a longer load play and slow creep stay, and the terms fade.
 //!
 //! Without a tare, the residual variance of the calibration replaces the noise. For a physics model, the
 //! error of the coefficients is part of the model error, which is taken from held-out loads.
@@ -66,7 +68,12 @@ pub(super) fn of_means(
             if let (Some(_), Some(tare)) = (&pipeline.tare_frames, &pipeline.tare) {
                 difference.iter_mut().zip(&tare.features).for_each(|(x, tare)| *x -= tare);
             }
-            of_polynomial(covariance, &difference)
+            let mut known = of_polynomial(covariance, &difference);
+            if let (Some(_), Some(tare)) = (&calibration.memory, &pipeline.tare_frames) {
+                let unfaded = unfaded(polynomial, (&forces.frames, &shares), &tare.readings);
+                known.shared.iter_mut().zip(unfaded).for_each(|(parts, part)| parts.push(part));
+            }
+            known
         }
         Kind::Physics(physics) => {
             // The model's error of a frame covers any load and mounting, and a tare removes most of it. The
@@ -143,6 +150,33 @@ fn of_polynomial(covariance: &Covariance, difference: &[f64]) -> ModelErrors {
         frame_degrees: covariance.degrees_of_freedom as f64,
         degrees_of_freedom: covariance.degrees_of_combination(difference),
     }
+}
+
+/// The force that memory terms would add to the mean of a window if they did not fade after the tare, N and
+/// N·m: their coefficients times the change of the moving averages of the readings.
+fn unfaded(
+    polynomial: &Polynomial,
+    (window, shares): (&[Vec<f64>], &[f64]),
+    tare: &[Vec<f64>],
+) -> PerAxis<f64> {
+    let channels = polynomial.model().channels;
+    let mut force = PerAxis::default();
+    for (term, coefficients) in polynomial.model().terms().iter().zip(&polynomial.coefficients) {
+        let &[column] = term.factors() else { continue };
+        let column = usize::from(column);
+        if column < channels {
+            continue;
+        }
+        let average = |frames: &[Vec<f64>], row: usize| {
+            frames[column % channels][row] - frames.get(column).map_or(0.0, |terms| terms[row])
+        };
+        let rows = tare[0].len();
+        let before = (0..rows).map(|row| average(tare, row)).sum::<f64>() / rows.max(1) as f64;
+        let during = shares.iter().enumerate().map(|(row, share)| share * average(window, row));
+        let change = (during.sum::<f64>() - before) / polynomial.scaling().scale[column];
+        force.iter_mut().zip(coefficients).for_each(|(force, by)| *force += by * change);
+    }
+    force
 }
 
 /// `Σ share·x` of the features x of each frame.
