@@ -9,8 +9,10 @@ use shell_data::dataset::Dataset;
 use shell_data::wrench::Axis;
 use std::collections::HashSet;
 
+/// Maximum number of characters in a line.
 const WIDTH: usize = 100;
 
+/// Width of the label of a line, in characters.
 const LABEL: usize = 7;
 
 /// The summary of a fit that users see.

@@ -1,4 +1,4 @@
-//! Verdict on a fit: its error on unseen data, the interval of a frame, whether to use it, and what
+//! The verdict on a fit: its error on unseen data, the interval of a frame, whether to use the fit, and what
 //! to record next.
 
 use super::examination::{Examination, Fault, FaultPlace};
@@ -14,7 +14,7 @@ const USELESS: f64 = 0.5;
 /// Number of rows whose standard errors are averaged for the width of the interval.
 const ROWS_OF_INTERVAL: u64 = 1024;
 
-/// Least 1 − leverage: a fit says next to nothing about a row beyond.
+/// Minimum of 1 − leverage: a fit without a row of higher leverage says next to nothing about that row.
 const LEAST_LEFT: f64 = 0.1;
 
 /// The worth of a fit on unseen data.
@@ -41,8 +41,8 @@ pub struct UnseenErrors {
     pub share_of_range: PerAxis<Option<f64>>,
     /// The rows with these errors.
     pub on: UnseenRows,
-    /// The factor by which errors may be larger in a new file, from the scatter between files;
-    /// `None` if no files were held out.
+    /// The factor by which errors may be larger in a new file, from the scatter between files; `None` if no
+    /// files were held out.
     pub spread: Option<PerAxis<f64>>,
 }
 
@@ -74,14 +74,9 @@ pub struct FrameInterval {
 }
 
 impl Fit {
-    /// The errors on rows that were not used; `None` if there are none.
-    pub fn unseen_errors(&self) -> Option<UnseenErrors> {
-        unseen_errors(self)
-    }
-
     /// The worth of the fit on unseen data.
     pub fn verdict(&self) -> Verdict<'_> {
-        let (axes, unseen) = (self.calibration.axes, self.unseen_errors());
+        let (axes, unseen) = (self.calibration.axes, unseen_errors(self));
         let errors = unseen.as_ref().map_or(self.train.map(|of| of.rms), |of| of.rms);
         let useless = useless_axes(axes, &errors, self.excitation.as_ref());
         let gaps = self.excitation.as_ref().map(|of| of.gaps(axes)).unwrap_or_default();
@@ -140,6 +135,7 @@ impl Verdict<'_> {
         matches!(&self.unseen, Some(of) if matches!(of.on, UnseenRows::Test(_)))
     }
 
+    /// The first fault of the test or the data.
     pub(super) fn fault(&self, place: FaultPlace) -> Option<&str> {
         let faults = self.fit.examination.iter().flat_map(|of| &of.faults);
         faults.filter(|fault| fault.place == place).map(|fault| fault.text.as_str()).next()
@@ -239,10 +235,12 @@ fn unseen_errors(fit: &Fit) -> Option<UnseenErrors> {
     Some(UnseenErrors { rms, share_of_range, on, spread: fit.spread() })
 }
 
-/// Mean standard error of unseen rows that resemble the training rows, N and N·m; `None` without
-/// rows. A training row of leverage h takes part in its own prediction, which has a variance of
-/// s²·(1 + h); without it the variance is s²/(1 − h) (Cook and Weisberg, Residuals and Influence in
-/// Regression, 1982, §2.2.1).
+/// The mean standard error of unseen rows that resemble the training rows, N and N·m; `None` if the fit has
+/// no rows, only their sums.
+///
+/// A training row of leverage h takes part in its own prediction, which has a variance of s²·(1 + h). Without
+/// the row, the variance is s²/(1 − h) (Cook and Weisberg, Residuals and Influence in Regression, 1982,
+/// §2.2.1).
 fn mean_standard_errors(fit: &Fit, residual_sd: &PerAxis<f64>) -> Option<PerAxis<f64>> {
     let every = fit.used.rows().div_ceil(ROWS_OF_INTERVAL).max(1) as usize;
     let mut readings = vec![Vec::new(); fit.calibration.columns()];
