@@ -71,6 +71,8 @@ names = ["AP", "HV", "VR", "SH", "SL", "MY", "ID", "CH", "CE", "DH", "DL", "BD",
 heard = []
 for kind, far in (Raw802Device, RemoteRaw802Device), (XBeeDevice, RemoteXBeeDevice):
     base = kind(port, 57600)
+    # A busy machine answers late.
+    base.set_sync_ops_timeout(30)
     base.open()
     board = far(base, x64bit_addr=XBee64BitAddress.from_hex_string(serial))
     found = {name: base.get_parameter(name).hex() for name in names}
@@ -84,7 +86,6 @@ for kind, far in (Raw802Device, RemoteRaw802Device), (XBeeDevice, RemoteXBeeDevi
     base.send_data(board, bytes.fromhex(start))
     while len(frames) < count:
         time.sleep(0.05)
-        base.get_parameter("ID")
     base.send_data(board, bytes.fromhex(stop))
     base.close()
     heard.append({"parameters": found, "frames": frames})
