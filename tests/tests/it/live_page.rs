@@ -186,9 +186,10 @@ const FOUR_LOADS: &str = "(() => { const picture = { traces: [], channels: [], m
 /// Returns the distance of the curve of errors from its place at each load, as a share of the height, from the pixels in
 /// the colour of forces: blue by far. From 16 to 1 on a logarithmic scale, 8 is a quarter from the top and 1 at the bottom.
 const CURVE_OFF: &str = "(() => { const canvas = document.querySelector('#errors canvas'), { width, height } = canvas; \
+    const points = canvas.getContext('2d').getImageData(0, 0, width, height).data; \
     return [0, 1, 2, 3].map((at) => { const x = Math.min(width - 7, Math.max(4, Math.round(width * at / 3) - 1)); \
-    const points = canvas.getContext('2d').getImageData(x, 0, 3, height).data, rows = []; \
-    for (let y = 0; y < height; y++) { const [r, g, b, a] = points.slice(4 * (3 * y + 1), 4 * (3 * y + 1) + 4); \
+    const rows = []; \
+    for (let y = 0; y < height; y++) { const [r, g, b, a] = points.slice(4 * (width * y + x + 1), 4 * (width * y + x + 1) + 4); \
       if (a > 100 && b - r > 60) rows.push(y); } \
     const middle = rows.reduce((sum, y) => sum + y, 0) / rows.length; \
     return rows.length ? Math.abs(middle / height - (1 + at) / 4) : 1; }); })()";
