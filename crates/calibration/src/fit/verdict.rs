@@ -74,9 +74,14 @@ pub struct FrameInterval {
 }
 
 impl Fit {
+    /// The errors on rows that were not used; `None` if there are none.
+    pub fn unseen_errors(&self) -> Option<UnseenErrors> {
+        unseen_errors(self)
+    }
+
     /// The worth of the fit on unseen data.
     pub fn verdict(&self) -> Verdict<'_> {
-        let (axes, unseen) = (self.calibration.axes, unseen_errors(self));
+        let (axes, unseen) = (self.calibration.axes, self.unseen_errors());
         let errors = unseen.as_ref().map_or(self.train.map(|of| of.rms), |of| of.rms);
         let useless = useless_axes(axes, &errors, self.excitation.as_ref());
         let gaps = self.excitation.as_ref().map(|of| of.gaps(axes)).unwrap_or_default();
