@@ -191,7 +191,7 @@ fn the_report_of_a_calibration_can_be_read_at_any_width() {
         browser.open(&report);
         let headings =
             browser.evaluate("[...document.querySelectorAll('h2')].map((h) => h.id).join(' ')");
-        assert_eq!(headings, "answer limits figure coverage groups model outliers origin");
+        assert_eq!(headings, "answer limits figure coverage held-out groups model outliers origin");
         // Including clipped content.
         let drawn = browser.evaluate("[...document.querySelectorAll('.drawing svg')].every((s) => s.getBBox().width > 700 && [...s.querySelectorAll('[clip-path]')].every((g) => document.getElementById(g.getAttribute('clip-path').slice(5, -1))?.closest('svg') === s))");
         assert_eq!(drawn, true);

@@ -9,7 +9,7 @@ use system_tests::transcript::{are_like, steps};
 /// The words of a line, with `#` for each number, whether it is known or not.
 fn words(line: &str) -> String {
     let is_number = |word: &str| {
-        let digits = word.trim_matches(['+', '-', '−', ',', ':', '(', ')']);
+        let digits = word.trim_matches(['+', '-', '−', '±', ',', ':', '(', ')']);
         digits == "unknown" || digits.starts_with(|first: char| first.is_ascii_digit())
     };
     let word = |word| if is_number(word) { "#" } else { word };
