@@ -125,6 +125,8 @@ fn set_up_and_build(parts: &[Part]) -> Result<(TestEquipment, Vec<Program>)> {
         let model_python =
             scope.spawn(|| has(Part::Board).then(firmware::set_up_model).transpose());
         let python = scope.spawn(|| has(Part::Python).then(python::set_up).transpose());
+        // The linker of the page works on one core.
+        let page = scope.spawn(|| has(Part::Browser).then(page).transpose());
         if has(Part::Board) {
             let [board, ..] = Board::ALL.map(Board::build);
             equipment.give("needs the flashed image", flashed::IMAGE, board?);
@@ -138,6 +140,9 @@ fn set_up_and_build(parts: &[Part]) -> Result<(TestEquipment, Vec<Program>)> {
         if let Some(python) = equipment.python.clone() {
             let reason = "needs a Python with packages that read tables and bags";
             equipment.give(reason, program::PYTHON, python);
+        }
+        if let Some(page) = page.join().expect(joined)?.flatten() {
+            equipment.give("needs Chromium and the page", PAGE, page);
         }
         equipment.add_rest(has(Part::Browser))?;
         Ok((equipment, programs))
@@ -156,10 +161,6 @@ impl TestEquipment {
             let screens = screens();
             std::fs::create_dir_all(&screens)?;
             self.variables.push((SCREENS, screens.into()));
-            match Need::Target(PAGE_TARGET).meet() {
-                Ok(()) => self.give("needs Chromium and the page", PAGE, web::build()?),
-                Err(reason) => eprintln!("{reason:#}: the page that fits is not tested"),
-            }
             match axe() {
                 Ok(file) => self.variables.push((AXE, file.into())),
                 Err(reason) => eprintln!("{reason:#}: pages are not held against axe-core"),
@@ -175,6 +176,17 @@ impl TestEquipment {
             self.met.push("needs Chromium, the page and the recordings");
         }
         Ok(())
+    }
+}
+
+/// Builds the page that fits; `None`, with a message, if there is no compiler for it.
+fn page() -> Result<Option<PathBuf>> {
+    match Need::Target(PAGE_TARGET).meet() {
+        Ok(()) => web::build().map(Some),
+        Err(reason) => {
+            eprintln!("{reason:#}: the page that fits is not tested");
+            Ok(None)
+        }
     }
 }
 
