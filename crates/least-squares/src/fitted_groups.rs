@@ -28,7 +28,7 @@ use crate::sandwich::{ALONE, GroupScatter, Part, ScatterSums, corrected, correct
 use crate::satterthwaite;
 use crate::solution::Solution;
 use crate::symmetric::{SymmetricMatrix, UpperTriangle, add_multiple, congruence, product};
-use crate::uncertainty::score_of;
+use crate::uncertainty::{GroupScore, score_of};
 use shell_data::block::Block;
 use shell_data::wrench::{Axis, PerAxis};
 
@@ -169,7 +169,7 @@ impl<'a> FittedGroups<'a> {
 
     /// The mean and the scatter of the errors on a group, in standard errors, from the fit to all others;
     /// `None` if these do not determine it.
-    pub(crate) fn score_without(&self, held_out: usize) -> Option<PerAxis<(f64, f64)>> {
+    pub(crate) fn score_without(&self, held_out: usize) -> Option<GroupScore> {
         let group = &self.groups[held_out];
         let without = self.without(held_out..held_out + 1, group.share.gram())?;
         let mut sums = ScatterSums::of_products(&without.residual_products);
@@ -195,7 +195,7 @@ impl<'a> FittedGroups<'a> {
         files: &[Range<usize>],
         scatter: &GroupScatter,
         workers: Workers<'_>,
-    ) -> Option<Vec<Vec<PerAxis<(f64, f64)>>>> {
+    ) -> Option<Vec<Vec<GroupScore>>> {
         let size = self.solution.factor.nrows();
         let squares = scatter.scores.each_ref().map(|scores| {
             gram(Mat::from_fn(size, scores.len(), |i, group| scores[group][i]).as_ref())
@@ -496,7 +496,7 @@ mod tests {
         FittedGroups::from_rows(&rows, &labels, solution, Workers::ONE).unwrap()
     }
 
-    fn assert_close(found: &PerAxis<(f64, f64)>, expected: &PerAxis<(f64, f64)>) {
+    fn assert_close(found: &GroupScore, expected: &GroupScore) {
         for (found, expected) in found.iter().zip(expected) {
             // Condition numbers below 100 in double precision.
             assert!(

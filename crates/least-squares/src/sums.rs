@@ -164,7 +164,7 @@ impl RowSums {
 #[derive(Clone, Debug)]
 pub enum GroupedSums {
     /// Exact sums.
-    Exact(SumsByGroup),
+    Exact(Box<SumsByGroup>),
     /// R factors.
     Factored(FactoredGroups),
     /// The rows of each group with its label, for the covariance of a solution that is not known yet.

@@ -158,7 +158,7 @@ pub(super) fn choose(input: FitInput<'_>) -> Result<ModelChoice, FitError> {
         None => options.choose_family(&mut choice, &rows)?,
     };
     match options.sum(&choice, &rows) {
-        Ok(Some(sums)) => choice = options.decide(choice, GroupedSums::Exact(sums))?,
+        Ok(Some(sums)) => choice = options.decide(choice, GroupedSums::Exact(Box::new(sums)))?,
         Ok(None) if validates => {
             options.workers.start("errors on held-out groups");
             let model = (choice.basis, choice.ridge);
@@ -238,7 +238,7 @@ impl FitOptions<'_> {
         let apart = (Apart::Groups, RandomSplit::default());
         match sum_groups(&few, choice.basis, apart, self.workers) {
             Ok(sums) => {
-                self.select(choice, &GroupedSums::Exact(sums))?;
+                self.select(choice, &GroupedSums::Exact(Box::new(sums)))?;
                 Ok(None)
             }
             Err(FitError::NotExact(_)) => {

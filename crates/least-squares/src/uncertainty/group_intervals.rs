@@ -44,6 +44,9 @@ pub struct TooFewGroups {
     pub groups: usize,
 }
 
+/// Mean and scatter of the errors of a group, in standard errors.
+pub(crate) type GroupScore = PerAxis<(f64, f64)>;
+
 /// Scores of rows, by group.
 #[derive(Clone, Debug, Default)]
 pub struct Scores(BTreeMap<u64, PerAxis<Vec<f64>>>);
@@ -99,7 +102,7 @@ impl Scores {
 }
 
 /// The size at a level, interpolated linearly between the levels `k/(G + 1)` that G groups provide.
-fn size_between(scores: &[PerAxis<(f64, f64)>], axis: usize, level: f64) -> f64 {
+fn size_between(scores: &[GroupScore], axis: usize, level: f64) -> f64 {
     let mass = (scores.len() + 1) as f64;
     let below = (level * mass + 1e-9).floor();
     let share = (level * mass - below).max(0.0);
@@ -111,7 +114,7 @@ fn size_between(scores: &[PerAxis<(f64, f64)>], axis: usize, level: f64) -> f64 
 }
 
 /// The smallest size that contains the errors of a new group with a probability of `level`.
-fn size_that_holds(scores: &[PerAxis<(f64, f64)>], axis: usize, level: f64) -> f64 {
+fn size_that_holds(scores: &[GroupScore], axis: usize, level: f64) -> f64 {
     let normal = Normal::standard();
     let within = |size: f64, (mean, scatter): (f64, f64)| match scatter > 0.0 {
         true => normal.cdf((size - mean) / scatter) - normal.cdf((-size - mean) / scatter),
@@ -122,7 +125,7 @@ fn size_that_holds(scores: &[PerAxis<(f64, f64)>], axis: usize, level: f64) -> f
         held / (scores.len() + 1) as f64
     };
     // Eight standard deviations contain all but 10⁻¹⁵.
-    let reach = |score: &PerAxis<(f64, f64)>| score[axis].0 + 8.0 * score[axis].1;
+    let reach = |score: &GroupScore| score[axis].0 + 8.0 * score[axis].1;
     let sizes = scores.iter().map(reach).filter(|size| size.is_finite());
     let (mut below, mut at) = (0.0, sizes.fold(0.0, f64::max));
     if mass(at) < level - 1e-9 {
@@ -183,7 +186,7 @@ impl GroupIntervals {
     /// Computes the intervals from the errors of every held-out group in standard errors: magnitude
     /// of the mean, and scatter around it, assumed to be normal. Interpolates linearly between the
     /// levels `k/(G + 1)` that G groups provide; omits levels that need more.
-    pub fn from_groups(scores: &[PerAxis<(f64, f64)>]) -> Self {
+    pub fn from_groups(scores: &[GroupScore]) -> Self {
         let groups = scores.len();
         let mut levels = levels_known(groups);
         let mut factors: PerAxis<Vec<f64>> = std::array::from_fn(|axis| {
@@ -203,13 +206,13 @@ impl GroupIntervals {
     /// are files. With F files, squared sizes are therefore larger by `1 + ρ·((t/z)² − 1)`, with
     /// the quantiles t of Student's distribution with F − 1 degrees of freedom and z of the normal
     /// distribution.
-    pub fn from_files(scores: &[Vec<PerAxis<(f64, f64)>>]) -> Self {
+    pub fn from_files(scores: &[Vec<GroupScore>]) -> Self {
         let mut intervals = Self::from_groups(&scores.concat());
         if scores.len() < 2 {
             return intervals;
         }
         for (axis, factors) in intervals.factors.iter_mut().enumerate() {
-            let square = |of: &PerAxis<(f64, f64)>| of[axis].0.powi(2) + of[axis].1.powi(2);
+            let square = |of: &GroupScore| of[axis].0.powi(2) + of[axis].1.powi(2);
             let squares = scores.iter().map(|file| file.iter().map(square).collect());
             let share = share_between(&squares.collect::<Vec<_>>());
             for (factor, &level) in factors.iter_mut().zip(&intervals.levels) {
@@ -261,7 +264,7 @@ mod tests {
 
     #[test]
     fn groups_without_scatter_count_as_one_row_and_normal_errors_have_normal_quantiles() {
-        let alone: Vec<PerAxis<(f64, f64)>> = (1..=39).map(|i| [(f64::from(i), 0.0); 6]).collect();
+        let alone: Vec<GroupScore> = (1..=39).map(|i| [(f64::from(i), 0.0); 6]).collect();
         let intervals = GroupIntervals::from_groups(&alone);
         for (level, expected) in [(0.95, 38.0), (0.5, 20.0)] {
             let found = intervals.factors(level).unwrap()[3];

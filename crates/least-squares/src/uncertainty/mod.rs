@@ -33,6 +33,7 @@ mod new_groups;
 mod quantile;
 
 pub use self::covariance::{CoefficientCovariance, Covariance};
+pub(crate) use self::group_intervals::GroupScore;
 pub use self::group_intervals::{GroupIntervals, LEVELS, Scores, TooFewGroups};
 pub use self::interval::{ErrorShape, HIGHEST_LEVEL, NoIntervals};
 pub(crate) use self::new_groups::score_of;

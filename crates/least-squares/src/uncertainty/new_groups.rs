@@ -3,7 +3,7 @@
 //! around it, assumed to be normal. Both come from the sums of the group. [`GroupIntervals`]
 //! derives intervals from the scores.
 
-use super::group_intervals::GroupIntervals;
+use super::group_intervals::{GroupIntervals, GroupScore};
 use crate::exact::ExactSums;
 use crate::held_out_errors::HeldOutErrors;
 use crate::model::Model;
@@ -20,7 +20,7 @@ pub(super) const MOST_GROUPS: usize = 50;
 pub(super) fn of_scores(
     groups: usize,
     workers: Workers<'_>,
-    score: impl Fn(usize) -> Option<PerAxis<(f64, f64)>> + Sync,
+    score: impl Fn(usize) -> Option<GroupScore> + Sync,
 ) -> Option<GroupIntervals> {
     if !(2..=MOST_GROUPS).contains(&groups) {
         return None;
@@ -39,7 +39,7 @@ pub(super) fn score_without(
     groups: &[(String, ExactSums)],
     (model, ridge): (&Model, f64),
     group: usize,
-) -> Option<PerAxis<(f64, f64)>> {
+) -> Option<GroupScore> {
     let held_out = &groups[group..=group];
     let fit = total.without(&held_out[0].1).solve(model, ridge).ok()?;
     let others = groups[..group].iter().chain(&groups[group + 1..]);
@@ -48,14 +48,14 @@ pub(super) fn score_without(
     Some(score_of(&errors, &variances[0], &scatter, fit.solution.rows))
 }
 
-/// Mean and scatter of the errors of a group, in standard errors of the fit to `rows` other rows. `variance`
+/// Returns the score of a group against the fit to `rows` other rows. `variance`
 /// is the variance of its rows that comes from the coefficients.
 pub(crate) fn score_of(
     errors: &PerAxis<HeldOutErrors>,
     variance: &PerAxis<f64>,
     scatter: &GroupScatter,
     rows: u64,
-) -> PerAxis<(f64, f64)> {
+) -> GroupScore {
     let residual = scatter.residual_covariance(rows);
     std::array::from_fn(|axis| {
         let errors = &errors[axis];
