@@ -129,14 +129,14 @@ pub struct Boards {
 
 #[derive(Clone, Debug)]
 enum Wire {
-    Packets(PacketWire),
+    Packets(Box<PacketWire>),
     Original(skinproc::Decoder),
 }
 
 impl Boards {
     pub fn new(protocol: Protocol) -> Self {
         let wire = match protocol {
-            Protocol::Packets(framing) => Wire::Packets(PacketWire::new(framing)),
+            Protocol::Packets(framing) => Wire::Packets(Box::new(PacketWire::new(framing))),
             Protocol::Original => Wire::Original(skinproc::Decoder::new()),
         };
         Self { wire, heard: Vec::new(), beyond: 0 }
@@ -207,7 +207,8 @@ impl Boards {
         let mut losses = Losses { unknown: self.beyond, ..Losses::default() };
         self.heard.iter().for_each(|board| losses += board.reception.losses());
         match &self.wire {
-            Wire::Packets(PacketWire { deframer, modules, .. }) => {
+            Wire::Packets(wire) => {
+                let PacketWire { deframer, modules, .. } = &**wire;
                 losses.damaged += deframer.as_ref().map_or(0, |deframer| deframer.damaged);
                 modules.iter().for_each(|(_, decoder)| losses += damage(decoder));
             }
