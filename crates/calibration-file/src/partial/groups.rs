@@ -141,7 +141,7 @@ impl PartialFit {
                 let is_dealt = random_folds == Some(split.folds);
                 let random = if is_dealt { random.clone() } else { Vec::new() };
                 let sums = SumsByGroup::new(exact, random).map_err(MergeError::NotExact)?;
-                GroupedSums::Exact(sums)
+                GroupedSums::Exact(Box::new(sums))
             }
             Sums::Factored(_) => GroupedSums::Factored(FactoredGroups { groups: factored }),
         };
