@@ -133,8 +133,10 @@ fn error(calibration: &(Calibration, [f64; 6]), settings: TrialSettings) -> (f64
     (error, 0.5 * (interval.high - interval.low))
 }
 
+type OfTruth = fn(&Truth) -> f64;
+
 /// What is compared: a force or an energy of a trial, and its truth.
-const COMPARED: [(Quantity, fn(&Truth) -> f64); 3] = [
+const COMPARED: [(Quantity, OfTruth); 3] = [
     (Quantity::DragEnergy, |truth| truth.drag_energy_j),
     (Quantity::Drag, |truth| -truth.mean_wrench[0]),
     (Quantity::Lift, |truth| truth.mean_wrench[2]),
