@@ -135,7 +135,7 @@ fn error(calibration: &(Calibration, [f64; 6]), settings: TrialSettings) -> (f64
 
 type OfTruth = fn(&Truth) -> f64;
 
-/// What is compared: a force or an energy of a trial, and its truth.
+/// Forces and energies of a trial, with their true values.
 const COMPARED: [(Quantity, OfTruth); 3] = [
     (Quantity::DragEnergy, |truth| truth.drag_energy_j),
     (Quantity::Drag, |truth| -truth.mean_wrench[0]),
