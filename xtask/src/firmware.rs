@@ -38,8 +38,8 @@ const INSTRUCTIONS_FACTOR: f64 = 1.25;
 
 const RECORD: &str = "firmware/measured.toml";
 const RECORD_HEAD: &str = "\
-# What the images take, as `cargo xtask firmware --record` measured it: bytes, and instructions from one
-# frame to the next on the model of the microcontroller.
+# Sizes of the images in bytes, and instructions from one frame to the next on the model of the
+# microcontroller, measured by `cargo xtask firmware --record`.
 
 ";
 

@@ -66,7 +66,7 @@ pub struct TrialRow {
     pub drag_mean_95_n: Option<Interval>,
     pub lift_mean_95_n: Option<Interval>,
     pub strides: Option<u64>,
-    /// Whole strides over the time from the start of the first to the end of the last.
+    /// Number of whole strides, over the time from the first start to the last end.
     pub stride_frequency_hz: Option<f64>,
     #[serde(skip)]
     pub channel_length_m: f64,

@@ -62,7 +62,7 @@ pub(super) fn parse(head: &[u8]) -> Result<Request<'_>, HttpRefusal> {
     let mut host = None;
     for line in lines {
         let (name, value) = line.split_once(':').ok_or(HttpRefusal::MALFORMED)?;
-        // Such a line would continue the previous one, which browsers no longer send.
+        // A continuation of the previous line, which browsers no longer send.
         if name.is_empty() || name.bytes().any(|byte| byte <= b' ' || byte >= 127) {
             return Err(HttpRefusal::MALFORMED);
         }
