@@ -30,8 +30,21 @@ pub fn steps(page: &str, kind: &str) -> Vec<Step> {
     steps
 }
 
-/// True if a line is as expected; `[..]` matches anything.
+/// Returns a line with one blank, or one dash of a rule, in place of several: columns of a table are as wide as
+/// their numbers, which differ from run to run.
+fn narrow(line: &str) -> String {
+    let mut narrow = String::new();
+    for c in line.chars() {
+        if !([' ', '─'].contains(&c) && narrow.ends_with(c)) {
+            narrow.push(c);
+        }
+    }
+    narrow
+}
+
+/// True if a line is as expected but for the widths of columns; `[..]` matches anything.
 fn is_like(line: &str, expected: &str) -> bool {
+    let (line, expected) = (narrow(line), narrow(expected));
     let mut parts = expected.split("[..]");
     let first = parts.next().unwrap();
     let Some(mut rest) = line.strip_prefix(first) else { return false };
@@ -68,6 +81,7 @@ mod tests {
         assert!(
             is_like("a 12 b 3 c", "a [..] b [..] c") && is_like("x", "x") && is_like("ab", "a[..]")
         );
+        assert!(is_like("──── a    b", "── a b") && !is_like("ab", "a b"));
         assert!(!is_like("a 12 d", "a [..] b") && !is_like("xy", "x") && !is_like("b", "a[..]"));
         let lines = ["one", "two", "three"];
         let like = |expected: &[&str]| {
