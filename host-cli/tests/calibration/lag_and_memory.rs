@@ -26,7 +26,7 @@ pub(crate) fn log(dir: &Path, name: &str, seed: u64, wander: f64) {
     log_measured_at(dir, name, seed, wander, |t| t - LAG_S);
 }
 
-/// The same with the time at which the reference measured the load of the row at `t`.
+/// Writes such a log, with the time at which the reference measured the load of the row at `t`.
 fn log_measured_at(
     dir: &Path,
     name: &str,
@@ -105,8 +105,8 @@ impl Beside {
     }
 }
 
-/// What arrivals leave of the clocks is the constant part of the reference's delay. `fit` finds some rows of it in moving
-/// loads, and `align` any, as the offset of the log from itself.
+/// Arrival times cannot show a constant delay of the reference. `fit` finds some rows of it in moving loads, and `align` any,
+/// as the offset of the log from itself.
 #[test]
 fn the_constant_delay_of_a_reference_beside_the_board_is_found_in_the_loads() {
     let dir = tempfile::tempdir().unwrap();

@@ -45,10 +45,11 @@ impl Server {
             .stdout(Stdio::piped())
             .spawn();
         let mut child = child.unwrap();
-        let mut line = String::new();
-        BufReader::new(child.stdout.as_mut().unwrap()).read_line(&mut line).unwrap();
-        let address = line.trim_end().strip_prefix("live at ").unwrap_or_else(|| panic!("{line}"));
-        Self { address: address.to_owned(), child: Running(child) }
+        // On a busy machine the check of the board may have something to say before.
+        let mut lines = BufReader::new(child.stdout.as_mut().unwrap()).lines().map(Result::unwrap);
+        let address = lines.find_map(|line| line.strip_prefix("live at ").map(str::to_owned));
+        let address = address.expect("it ends without an address");
+        Self { address, child: Running(child) }
     }
 
     /// Its logs are complete only after a successful end.

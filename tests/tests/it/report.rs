@@ -195,7 +195,8 @@ fn the_report_of_a_calibration_can_be_read_at_any_width() {
         // Including clipped content.
         let drawn = browser.evaluate("[...document.querySelectorAll('.drawing svg')].every((s) => s.getBBox().width > 700 && [...s.querySelectorAll('[clip-path]')].every((g) => document.getElementById(g.getAttribute('clip-path').slice(5, -1))?.closest('svg') === s))");
         assert_eq!(drawn, true);
-        assert_eq!(browser.evaluate("document.querySelectorAll('.drawing svg').length"), 2);
+        // Errors, coverage, and held-out rows against load and time.
+        assert_eq!(browser.evaluate("document.querySelectorAll('.drawing svg').length"), 4);
         let cut = "[...document.querySelectorAll('.table')].filter((t) => t.scrollWidth > t.clientWidth + 1 && !getComputedStyle(t).backgroundImage.includes('gradient')).map((t) => t.getAttribute('aria-label')).join()";
         assert_eq!(browser.evaluate(cut), "");
         if width >= 1000 {
