@@ -33,16 +33,15 @@ impl Covariance {
         ridge: f64,
         workers: Workers<'_>,
     ) -> Result<Self, FitError> {
-        let rows = grouped(block);
-        let clipped = clipped(block, solution)?;
-        let clipped = FittedGroups::from_rows(&grouped(&clipped).0, &rows.1, solution, workers)?;
+        let (rows, labels) = grouped(&clipped(block, solution)?);
+        let groups = FittedGroups::from_rows(&rows, &labels, solution, workers)?;
         let score = |group: usize| {
-            let label = &rows.1[group..=group];
+            let label = &labels[group..=group];
             let rest = part(block, |of| *of != label[0]);
             let problem =
                 FitProblem { model: solution.model, scaling: solution.scaling.clone(), ridge };
             let (without, _) = solver::fit(SolverKind::Huber, problem, &(&rest).into()).ok()?;
-            let (others, labels) = grouped(&self::clipped(&rest, &without).ok()?);
+            let (others, labels) = grouped(&clipped(&rest, &without).ok()?);
             let one = Workers::ONE;
             let others = FittedGroups::from_rows(&others, &labels, &without, one).ok()?;
             let scatter = others.scatter(false, one).ok()?;
@@ -51,8 +50,8 @@ impl Covariance {
             let variance = held_out.variance(0, &scatter);
             Some(score_of(&held_out.errors(0), &variance, &scatter, without.rows))
         };
-        let intervals = |_: &_| of_scores(rows.1.len(), workers, score);
-        Self::with_intervals(&clipped, solution.rows, workers, intervals)
+        let intervals = |_: &_| of_scores(labels.len(), workers, score);
+        Self::with_intervals(&groups, solution.rows, workers, intervals)
     }
 }
 
