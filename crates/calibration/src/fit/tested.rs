@@ -5,8 +5,7 @@ use super::evaluation::Evaluation;
 use super::examination::{Examination, Promise};
 use super::parts::spread;
 use super::screen::{Screen, axis_row, test_words};
-use super::verdict::next_words;
-use super::verdict::{FrameInterval, useless_axes};
+use super::verdict::{FrameInterval, next_words, usable_words, useless_axes};
 use crate::conversion::Calibration;
 use crate::dynamics::Dynamics;
 use crate::validation::excitation::{Excitation, Gap};
@@ -63,18 +62,7 @@ impl TestedCalibration<'_> {
         let unknown = match (&self.fitted_to, &self.promise) {
             (Some(log), _) => format!("`{log}` was used for the fit"),
             (None, None) => "the calibration file promises none to compare with".to_owned(),
-            (None, Some(_)) => {
-                let useless = self.useless();
-                let but = match useless.is_empty() {
-                    true => String::new(),
-                    false => {
-                        format!(
-                            "; not for {useless}, where the error is about as large as the loads"
-                        )
-                    }
-                };
-                return format!("OK: use it within the calibrated range{but}");
-            }
+            (None, Some(_)) => return usable_words(self.useless()),
         };
         format!("NOT KNOWN: the error on new loads, {unknown}")
     }

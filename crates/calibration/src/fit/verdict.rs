@@ -158,11 +158,7 @@ impl Verdict<'_> {
             };
             return format!("NOT KNOWN: the error on new loads, {reason}");
         }
-        let mut said = "OK: use it within the calibrated range".to_owned();
-        let Self { useless, .. } = self;
-        if !useless.is_empty() {
-            said += &format!("; not for {useless}, where the error is about as large as the loads");
-        }
+        let mut said = usable_words(self.useless);
         let unloaded = |gap: &Gap| if let Gap::Unloaded(axis) = gap { Some(*axis) } else { None };
         let unloaded: Axes = self.gaps.iter().filter_map(unloaded).collect();
         if !unloaded.is_empty() {
@@ -205,6 +201,15 @@ impl UnseenRows {
             }
         }
     }
+}
+
+/// The headline of a calibration that has passed, with its useless axes.
+pub(super) fn usable_words(useless: Axes) -> String {
+    let mut said = "OK: use it within the calibrated range".to_owned();
+    if !useless.is_empty() {
+        said += &format!("; not for {useless}, where the error is about as large as the loads");
+    }
+    said
 }
 
 /// The axes whose error is about as large as the training loads.
