@@ -29,8 +29,12 @@ fn boards_are_recorded_in_both_modes_with_either_address() {
             let board = Board::start(dir, &format!("--framing {framing} --to {address}"));
             run_patiently(dir, &format!("board board --framing {framing} start"), 0);
             let said = json(dir, "--json record board -o log.csv --duration 4");
-            // The first frame with an escape shows the mode, and one in some dozens has one.
-            assert_eq!(said["framing"], framing, "{said}");
+            // The first checksum with an escape shows the mode. It is one in 64, so that in the some 400 frames
+            // there is none every 500th time; each frame then means the same in both modes.
+            if said["framing"] != framing {
+                assert_eq!((framing, &said["framing"]), ("xbee-ap2", &"xbee-ap1".into()), "{said}");
+                assert_eq!(said["damaged"], 0, "{said}");
+            }
             // Losses count from the first frame: those before it were sent before the port was opened.
             assert_eq!(said["missing"], 0, "{said}");
             let (rows, strengths) = unbroken(&dir.join("log.csv"));

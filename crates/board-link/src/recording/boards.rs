@@ -80,16 +80,24 @@ impl PacketWire {
             });
         }
         deframer.feed(bytes, |frame| {
-            if let ApiFrame::Receive { from, rssi, payload } = frame {
-                if let Some(both) = &mut both {
-                    both.behind += usize::from(both.ahead.pop_front().is_none());
+            let ApiFrame::Receive { from, rssi, payload } = frame else { return };
+            if let Some(EscapedFrames { ahead, behind, .. }) = &mut both {
+                let is_this = |(address, strength, data): &(Address, Option<u8>, Vec<u8>)| {
+                    (*address, *strength, &data[..]) == (from, rssi, payload)
+                };
+                match ahead.iter().position(is_this) {
+                    Some(0) => drop(ahead.pop_front()),
+                    // Those before it are lost without escapes, so all of them are taken below, in their order.
+                    Some(_) => return,
+                    None => *behind += 1,
                 }
-                feed(Some(from), rssi, payload);
             }
+            feed(Some(from), rssi, payload);
         });
         match both.filter(|both| both.behind <= 1) {
-            Some(EscapedFrames { deframer: other, ahead, .. })
-                if deframer.damaged > 0 && !ahead.is_empty() =>
+            Some(EscapedFrames { deframer: other, ahead, behind })
+                if deframer.damaged > 0
+                    && (!ahead.is_empty() || other.damaged == 0 && behind == 0) =>
             {
                 *framing = Framing::Xbee(Mode::Escaped);
                 *deframer = other;
@@ -344,6 +352,36 @@ mod tests {
                     boards.heard[0].frames.iter().map(|frame| frame.index).collect();
                 assert_eq!(indices, (0..60).collect::<Vec<_>>(), "{rssi} {cut} {slice}");
                 assert_eq!((boards.losses(), boards.heard.len()), (Losses::default(), 1));
+                assert_eq!(boards.protocol(), Protocol::Packets(Framing::Xbee(Mode::Escaped)));
+            }
+        }
+    }
+
+    /// A single escape in the middle of a slice, and a checksum of 0x7D: the frame is valid in both modes, and the
+    /// byte that follows it belongs to it in one.
+    #[test]
+    fn one_escape_shows_the_mode_wherever_it_is() {
+        let frame = |rssi: u8, payload: &[u8]| {
+            let frame = ApiFrame::Receive { from: Address::Short(9), rssi: Some(rssi), payload };
+            frame.encode(Mode::Escaped).unwrap().to_vec()
+        };
+        let payloads = bytes_of(3, 0..60);
+        let payloads: Vec<_> = payloads.chunks(30).collect();
+        let middle = payloads.len() / 2;
+        let checksum = (0..=255).find(|&rssi| frame(rssi, payloads[middle]).ends_with(b"\x7D\x5D"));
+        for rssi in [0x11, 0x7E, checksum.unwrap()] {
+            let frames = payloads.iter().enumerate();
+            let bytes: Vec<u8> = frames
+                .flat_map(|(at, payload)| frame(if at == middle { rssi } else { 47 }, payload))
+                .collect();
+            for slice in [1, 11, 4096] {
+                let mut boards = Boards::new(Protocol::Packets(Framing::Xbee(Mode::Plain)));
+                bytes.chunks(slice).for_each(|bytes| boards.feed(bytes, None));
+                boards.finish();
+                let frames = &boards.heard[0].frames;
+                let indices: Vec<i64> = frames.iter().map(|frame| frame.index).collect();
+                assert_eq!(indices, (0..60).collect::<Vec<_>>(), "{rssi} {slice}");
+                assert_eq!(boards.losses(), Losses::default(), "{rssi} {slice}");
                 assert_eq!(boards.protocol(), Protocol::Packets(Framing::Xbee(Mode::Escaped)));
             }
         }
