@@ -4,16 +4,13 @@ use super::column_name::{ColumnRef, parse_column, plain};
 use crate::parse::number::parse_field;
 use shell_data::Block;
 
-/// A condition that a row must meet to be read.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RowCondition {
     pub column: ColumnRef,
     pub comparison: Comparison,
-    /// The value to compare with.
     pub value: String,
 }
 
-/// A comparison of a field with a value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Comparison {
     /// An identical text, or an equal number.
@@ -67,8 +64,7 @@ impl PlacedCondition {
     }
 }
 
-/// Keeps the rows of a block that meet all conditions; `values` are the run-length encoded columns of the
-/// conditions.
+/// Keeps the rows that meet all conditions; `values` are their columns, run-length encoded.
 pub(crate) fn keep_chosen(
     block: &mut Block,
     conditions: &[PlacedCondition],
@@ -120,7 +116,6 @@ pub(crate) fn keep_chosen(
 /// A column whose values distinguish the rows of several sensors that alternate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Interleaving {
-    /// The name of the column.
     pub column: String,
     /// Its values in the first rows.
     pub values: Vec<String>,
@@ -134,11 +129,9 @@ const IDENTITIES: [&str; 8] =
 const REMARKS: [&str; 6] = ["flags", "note", "notes", "comment", "status", "event"];
 
 impl Interleaving {
-    /// The largest number of sensors.
     const MOST: usize = 8;
 
-    /// Finds such a column from the first rows. `columns` are the names and fields of columns without a known
-    /// meaning.
+    /// Finds such a column in the first rows. `columns` are the names and fields of columns without a meaning.
     pub(crate) fn find(columns: &[(&str, Vec<String>)]) -> Option<Self> {
         columns.iter().find_map(|(name, fields)| {
             let plain_name = plain(name);

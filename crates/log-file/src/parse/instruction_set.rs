@@ -3,7 +3,6 @@
 /// Number of bytes that are searched together.
 pub(crate) const BLOCK: usize = 64;
 
-/// An instruction set that works on several bytes at once.
 pub(crate) trait InstructionSet: Copy {
     /// Runs `task` with the instructions of this processor, so that the methods can be inlined.
     fn run<R>(self, task: impl FnOnce() -> R) -> R;
@@ -11,10 +10,9 @@ pub(crate) trait InstructionSet: Copy {
     /// Returns for each of `wanted` a bit mask of the bytes that equal it, the first byte in the lowest bit.
     fn find(self, bytes: &[u8; BLOCK], wanted: [u8; 2]) -> [u64; 2];
 
-    /// Parses the digits of `lines[start..end]`, up to 32 bytes, in one or two registers. Returns the number
-    /// without its point, and the number of digits after the point. `None` if there are no digits before or
-    /// after a point, if the number exceeds 64 bits, for any other characters, and for processors without
-    /// such registers.
+    /// Parses the digits of `lines[start..end]`, up to 32 bytes. Returns the number without its point, and the number
+    /// of decimals. `None` if digits are missing before or after a point, if the number exceeds 64 bits, for other
+    /// characters, and for processors without wide registers.
     #[inline(always)]
     fn digits(self, _lines: &[u8], _start: usize, _end: usize) -> Option<(u64, usize)> {
         None

@@ -1,5 +1,5 @@
-//! The source of a log: a text file, decompressed and converted to UTF-8 if necessary, or a table in a binary
-//! file; with an optional companion file.
+//! The source of a log: text, decompressed and converted to UTF-8, or a table in a binary file; with an optional
+//! companion file.
 //!
 //! ```text
 //! file ─▶ gzip, zstd ─▶ UTF-16 ─▶ text ─▶ joined with a companion file, line by line
@@ -27,23 +27,20 @@ use crate::error::{LogError, LogPosition, PlacedProblem};
 /// A file that can be read from its start any number of times.
 #[derive(Clone, Debug)]
 pub(crate) struct LogSource {
-    /// The path as given.
     pub(crate) path: PathBuf,
-    /// Size of the file in bytes.
     pub(crate) bytes: u64,
     file: FileSource,
     container: Container,
-    /// For UTF-16 text: true if it is big-endian.
+    /// True for big-endian UTF-16.
     utf16: Option<bool>,
-    /// The temporary copy of standard input, which must exist as long as it is read.
+    /// The temporary copy of standard input, which must outlive all reads.
     _spool: Option<Arc<TempPath>>,
-    /// A file whose columns follow the columns of this file, row by row.
+    /// A file whose columns follow those of this file, row by row.
     pub(crate) companion: Option<Arc<LogSource>>,
     /// Properties of both files, from their first lines.
     pub(crate) sides: Sides,
 }
 
-/// Number of table rows that are examined to recognise the columns.
 const HEAD_ROWS: usize = 256;
 
 /// Copies standard input to a file, because logs are read several times.
@@ -73,7 +70,6 @@ fn recording_in(folder: &Path) -> io::Result<PathBuf> {
     }
 }
 
-/// The container of a log's text.
 #[derive(Clone, Debug)]
 enum Container {
     Plain,
@@ -83,8 +79,7 @@ enum Container {
 }
 
 impl LogSource {
-    /// Opens the file at `path`, or standard input for `-`; `part` names the table to read from a file that
-    /// can contain several.
+    /// Opens the file at `path`, or standard input for `-`; `part` names the table of a file with several.
     pub(crate) fn new(path: &Path, part: Option<&str>) -> Result<Self, LogError> {
         let failed = |source| LogError::Io { path: path.to_owned(), source };
         let is_stdin = path.as_os_str() == "-";
@@ -192,8 +187,8 @@ impl LogSource {
         Ok([head(self)?, companion.unwrap_or_default()])
     }
 
-    /// Returns the first bytes of the text, at most `bytes`. For a table, returns its first rows as text, in
-    /// which only the columns `shown` are filled if the columns have names.
+    /// Returns the first `bytes` of the text. For a table, returns its first rows as text; if columns have names,
+    /// only those in `shown` are filled.
     pub(crate) fn head(&self, shown: Option<&[usize]>, bytes: usize) -> Result<Vec<u8>, LogError> {
         if let Some(table) = self.as_whole_table() {
             let head = table.head(shown, HEAD_ROWS, bytes);
@@ -228,7 +223,6 @@ impl LogSource {
         self.open_counting(&ReadMeter::default())
     }
 
-    /// Opens the text at its start; `meter` counts the bytes read from the file.
     pub(crate) fn open_counting(&self, meter: &ReadMeter) -> Result<ByteStream, LogError> {
         let text = self.open_alone_counting(meter)?;
         let Some(companion) = &self.companion else { return Ok(text) };
@@ -291,7 +285,6 @@ impl LogSource {
         }
     }
 
-    /// Returns the table, if the file is one.
     pub(crate) fn as_table(&self) -> Option<&Table> {
         match &self.container {
             Container::Table(table) => Some(table),
@@ -320,7 +313,6 @@ impl LogSource {
         LogError::At { path, position, problem: problem.into() }
     }
 
-    /// Makes the error for a table that cannot be read.
     pub(crate) fn table_error(&self, problem: TableError) -> LogError {
         match problem {
             TableError::Io(source) => LogError::Io { path: self.path.clone(), source },

@@ -8,7 +8,6 @@ use ruzstd::decoding::{BlockDecodingStrategy, FrameDecoder};
 /// The largest window in bytes, the same as in the reference decoder.
 const WINDOW: u64 = 128 << 20;
 
-/// The decompressed content of a stream.
 pub(crate) struct Zstd<R> {
     stream: R,
     decoder: FrameDecoder,
