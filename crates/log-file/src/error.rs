@@ -86,7 +86,7 @@ pub enum PlacedProblem {
     /// The requested format has `expected` columns, the log has `found`.
     #[error("{format} has {expected} columns, found {found}")]
     LayoutMismatch { format: crate::format::mapping::LogFormat, expected: usize, found: usize },
-    /// With the columns that exist.
+    /// Required columns are missing; `found` are those that exist.
     #[error(
         "no column{} {}; found {}",
         if missing.len() == 1 { "" } else { "s" },

@@ -14,9 +14,9 @@ pub struct LogSummary {
     /// Number of rows whose readings equal those of the previous row.
     pub repeated_rows: u64,
     pub timing: LogTiming,
-    /// In counts.
+    /// Readings in counts.
     pub readings: Vec<ColumnSummary>,
-    /// In N and N·m.
+    /// Wrench in N and N·m.
     pub wrench: Vec<ColumnSummary>,
 }
 
@@ -54,7 +54,7 @@ pub struct ColumnSummary {
     /// Number of rises to the largest value from below the second largest: flicker does not count.
     rises_to_max: u64,
     last: f64,
-    /// In order of appearance, up to one more than a quiet column has.
+    /// Distinct values in order of appearance, up to one more than a quiet column has.
     values: Vec<f64>,
     variance: RunningVariance,
 }

@@ -2,7 +2,6 @@
 
 use crate::format::{Cell, ColumnPart};
 
-/// The type of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Element {
     /// Floating point, 16 bits.
@@ -93,14 +92,12 @@ impl Strided<'_> {
         rows.map_while(|row| row.first_chunk::<SIZE>().copied())
     }
 
-    /// Iterates over the first `size` bytes of each value.
     pub(crate) fn values(&self, size: usize) -> impl Iterator<Item = &[u8]> {
         self.bytes.chunks(self.stride.max(1)).take(self.rows).map_while(move |row| row.get(..size))
     }
 }
 
 impl Element {
-    /// Appends values to a column.
     pub(crate) fn read(self, from: Strided<'_>, is_little: bool, part: &mut ColumnPart) {
         let ColumnPart::Numbers { values, .. } = part else {
             from.values(self.size()).for_each(|bytes| part.push(self.cell(bytes, is_little)));

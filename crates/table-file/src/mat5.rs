@@ -1,5 +1,5 @@
-//! MATLAB 5 files ("MAT-File Format", MathWorks, chapter "Level 5"): reads arrays of numbers, and writes
-//! tables with one variable per column.
+//! MATLAB 5 files ("MAT-File Format", MathWorks, chapter "Level 5"): reads numeric arrays, writes columns as
+//! variables.
 
 use std::io::{self, Read, Write};
 use std::ops::Range;
@@ -118,7 +118,7 @@ impl<'a> Matrix<'a> {
         Ok(Self { bytes, is_little, class, is_complex, size, name, rest: parts.rest })
     }
 
-    /// Adds the array, or the fields of a struct, to `arrays`; `name` replaces the array's name.
+    /// Adds the array, or the fields of a struct; `name` replaces the array's name.
     fn add(
         self,
         name: Option<String>,
@@ -214,7 +214,6 @@ impl<'a> Matrix<'a> {
     }
 }
 
-/// An iterator over consecutive elements.
 struct Elements<'a> {
     bytes: &'a [u8],
     rest: Range<usize>,
@@ -251,7 +250,6 @@ impl<'a> Elements<'a> {
     }
 }
 
-/// Iterates over 32-bit integers.
 fn integers(bytes: &[u8], is_little: bool) -> impl Iterator<Item = u32> + '_ {
     let (words, _) = bytes.as_chunks::<4>();
     words.iter().map(move |&word| match is_little {
@@ -277,7 +275,6 @@ fn element(kind: u32) -> Option<Element> {
     })
 }
 
-/// Opens the arrays of a file that make up a log.
 pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<FoundTable, TableError> {
     budget::within(KIND, "the file", file.length()?, budget::IN_MEMORY)?;
     let mut bytes = Vec::new();
@@ -286,7 +283,7 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<FoundTable, 
     Ok(FoundTable { columns, rows: Arc::new(rows), notes, is_cut_off: false })
 }
 
-/// Writes an array of the given size, whose elements are of type `kind` with the bytes `content`.
+/// Writes an array of elements of type `kind` with the bytes `content`.
 fn write_array(
     out: &mut dyn Write,
     name: &str,

@@ -10,7 +10,6 @@ use crate::kind::{FileKind, TableError};
 
 const KIND: FileKind = FileKind::Sqlite;
 
-/// Maximum size of a row, bytes.
 const ROW: u64 = 16 << 20;
 
 /// Length of the header of the file, which precedes the content of the first page.
@@ -23,7 +22,7 @@ const LEAF: u8 = 13;
 pub(crate) struct Database {
     file: BufReader<OpenFile>,
     page_bytes: usize,
-    /// Bytes of a page without those at its end that extensions use.
+    /// Without the bytes at a page's end that extensions use.
     usable: usize,
     pages: u32,
     file_bytes: u64,
@@ -31,11 +30,9 @@ pub(crate) struct Database {
 
 pub(crate) struct DatabaseTable {
     pub(crate) name: String,
-    /// Number of the table's first page.
     pub(crate) root: u32,
 }
 
-/// A value in a row.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Value {
     Null,
@@ -79,7 +76,6 @@ impl Database {
         Ok(Self { file, page_bytes, usable: page_bytes - reserved, pages, file_bytes })
     }
 
-    /// Lists the tables.
     pub(crate) fn tables(&mut self) -> Result<Vec<DatabaseTable>, TableError> {
         let mut tables = Vec::new();
         let mut rows = self.rows(1);
@@ -102,7 +98,6 @@ impl Database {
         TableRows { waiting: vec![root], cells: Vec::new(), page: Vec::new(), left: self.pages }
     }
 
-    /// Reads a page into `page`.
     fn page(&mut self, number: u32, page: &mut Vec<u8>) -> Result<(), TableError> {
         if number == 0 || number > self.pages {
             return Err(KIND.damaged(format!("page {number} of {} is missing", self.pages)));
@@ -115,7 +110,6 @@ impl Database {
     }
 }
 
-/// The rows of a table.
 pub(crate) struct TableRows {
     /// Pages that have not been read, the next one last.
     waiting: Vec<u32>,

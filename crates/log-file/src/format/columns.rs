@@ -61,9 +61,9 @@ pub(crate) struct ColumnRoles {
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Wanted {
     pub time: bool,
-    /// Of all channels.
+    /// Readings of all channels.
     pub readings: bool,
-    /// For the axes that the log has.
+    /// Wrench, for the axes that the log has.
     pub wrench: bool,
     pub groups: bool,
     /// Additional columns by position in the row, from 0, unconverted.

@@ -24,7 +24,7 @@ pub(crate) struct Head {
     pub(crate) form: RowForm,
     /// The line number of the names, and the names, if there are any.
     pub(crate) names: Option<(u64, Vec<String>)>,
-    /// The same for the units below the names.
+    /// Line number and units below the names, if there are any.
     pub(crate) units: Option<(u64, Vec<String>)>,
     /// Position of the first row, and its line number.
     pub(crate) rows_start: usize,

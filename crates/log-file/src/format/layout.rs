@@ -31,14 +31,14 @@ pub(crate) struct FileLayout {
     pub(crate) roles: ColumnRoles,
     /// The line number of the first row, from 1.
     pub(crate) rows_line: u64,
-    /// Of times that are dates or times of day.
+    /// Notation of times that are dates or times of day.
     pub(crate) dates: Option<DateColumn>,
     /// Rows per second stated above the names, if no column is a time.
     pub(crate) rate_hz: Option<f64>,
     /// True if the first time is an integer in ms, µs or ns that fits 32 bits.
     pub(crate) counts_in_32_bits: bool,
     pub(crate) conditions: Vec<PlacedCondition>,
-    /// For sensors whose rows alternate.
+    /// Column that distinguishes sensors whose rows alternate.
     pub(crate) interleaving: Option<Interleaving>,
     pub(crate) decisions: Vec<String>,
 }

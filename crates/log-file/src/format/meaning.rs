@@ -11,11 +11,11 @@ use shell_data::wrench::Axis;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Meaning {
-    /// With the scale to s.
+    /// Time, with the scale to s.
     Time(Scale),
     /// The readings of a channel, from 0.
     Sensor(usize),
-    /// To N or N·m.
+    /// Force or moment, with the scale to N or N·m.
     Load(Axis, Scale),
     /// The group (pose, session, trial) of a row.
     Group,

@@ -216,7 +216,7 @@ struct PiecesOfLogs<'a> {
     current: usize,
     pieces: Option<LogPieces<'a>>,
     meter: ReadMeter,
-    /// Of the logs that have been read.
+    /// Checksums of the logs that have been read.
     checksums: Vec<Option<String>>,
 }
 

@@ -26,7 +26,7 @@ const CONTEXT_BYTES: usize = 1 << 12;
 pub(crate) struct Chunk {
     /// Position in the (uncompressed) file.
     pub(crate) offset: u64,
-    /// From 1.
+    /// Number of the first line in the file, from 1.
     pub(crate) line: u64,
     /// The lines just before the chunk, up to a few kilobytes.
     pub(crate) context: Vec<u8>,

@@ -13,12 +13,11 @@ use crate::format::{Cell, ColumnPart, OpenFile};
 use crate::kind::TableError;
 use crate::thrift::{self, Value};
 
-/// The longest page header, which may contain statistics.
+/// The longest page header; it may contain statistics.
 const HEAD: u64 = 1 << 20;
 
-/// A reader for one column of a row group.
 pub(super) struct ColumnReader {
-    /// The part that has not been read yet.
+    /// The unread part.
     chunk: ColumnChunk,
     dictionary: ColumnPart,
     dictionary_bytes: u64,
@@ -61,7 +60,6 @@ impl ColumnReader {
         Self { chunk, dictionary, dictionary_bytes: 0, page: None, elements: 0 }
     }
 
-    /// Returns the memory held by the page and the dictionary.
     pub(super) fn held(&self) -> u64 {
         self.dictionary_bytes + self.page.as_ref().map_or(0, |page| page.bytes)
     }
