@@ -50,8 +50,6 @@ struct PayloadDocument<'f> {
 }
 
 impl PayloadFile {
-    /// Reads the document at `path`.
-    ///
     /// # Errors
     /// [`CalibrationFileError`] if it cannot be read, or as [`Self::parse`].
     pub fn read(path: &Path) -> Result<Self, CalibrationFileError> {
@@ -59,8 +57,6 @@ impl PayloadFile {
         input::document(path, DocumentKind::Json, parse)
     }
 
-    /// Reads a document.
-    ///
     /// # Errors
     /// The reason and the position.
     pub fn parse(text: &[u8]) -> Result<Self, String> {

@@ -3,9 +3,9 @@
 //! [`Outputs`] refuses an output that would replace an input or another output, under any name. A
 //! file appears whole or not at all: a temporary file in the same folder ([`AtomicFile`]) replaces
 //! the target by a rename. It is not synced first: a result can be made again from its logs, and a
-//! sync takes longer than a fit. It is made when the output is opened, so a path that cannot be
-//! written is reported before the work. A replaced file keeps its permissions and the symbolic
-//! links to it. Devices and pipes are written directly.
+//! sync takes longer than a fit. It is made when the output is opened, to report an unwritable path
+//! before the work. A replaced file keeps its permissions and symbolic links. Devices and pipes are
+//! written directly.
 
 #![allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "writes files")]
 
@@ -195,7 +195,6 @@ pub struct AtomicFile {
 }
 
 impl AtomicFile {
-    /// Wraps the standard output, for data that is not printed line by line.
     pub fn stdout() -> Self {
         let stdout: Box<dyn Write + Send> = Box::new(io::stdout());
         Self { path: "standard output".into(), file: BufWriter::new(stdout), replacement: None }

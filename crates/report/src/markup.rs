@@ -146,9 +146,9 @@ impl Heading<'_> {
 /// A section of a report: its anchor, its heading, and HTML, which is empty for an omitted section.
 pub(super) type PageSection = (&'static str, &'static str, String);
 
-/// The content of a file with the text `subtitle` below its title. `script` contains the script
-/// elements and a fallback for pages without scripts. The file needs no network, and a content
-/// security policy forbids everything that it does not contain.
+/// The content of a file with `subtitle` below its title. `script` contains the script elements and
+/// a fallback for pages without scripts. A content security policy forbids all that the file does
+/// not contain.
 pub(super) fn page(
     heading: Heading<'_>,
     subtitle: &str,

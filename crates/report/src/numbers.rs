@@ -12,7 +12,6 @@ use figures::trial::{Passage, smoothed, stride_s};
 use trial::{ConditionRow, Per, PhaseForce, PhaseProfile, Quantity, Trace, TrialResult};
 
 pub(super) struct Plots {
-    /// At most one.
     pub(super) effects: Vec<Plot>,
     pub(super) boxes: Vec<Plot>,
     pub(super) phases: Vec<Plot>,
@@ -59,8 +58,8 @@ impl Plots {
     }
 }
 
-/// Means with confidence intervals, of the conditions or of their differences from the reference.
-/// The quantity is drag energy or, without it, the first one available.
+/// Means with confidence intervals, of the conditions or of their differences from the reference,
+/// in drag energy or, without it, the first quantity available.
 fn effect(report: &Report<'_>) -> Option<Plot> {
     let mut found = Quantity::COMPARED.into_iter().map(|of| (of, report.of(of, Per::Trial)));
     let (quantity, rows) = found.find(|(_, rows)| !rows.is_empty())?;
@@ -140,7 +139,6 @@ fn boxes(report: &Report<'_>) -> Vec<Plot> {
     plots.filter_map(plot).collect()
 }
 
-/// The values behind a box, and the label of each.
 fn values<'a>(
     trials: &'a [TrialResult],
     condition: &str,

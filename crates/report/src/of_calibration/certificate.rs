@@ -19,7 +19,6 @@ const LEVEL: f64 = 0.95;
 /// The coverage factor if no degrees of freedom are known: 95 % of normal errors.
 const COVERAGE: f64 = 2.0;
 
-/// The content of a certificate, N and N·m.
 #[derive(Clone, Debug)]
 pub struct Certificate<'a> {
     pub heading: Heading<'a>,
@@ -66,8 +65,8 @@ pub struct CheckedLoad {
     pub off: Axes,
     /// True if the weight is so light that an unloaded sensor would pass as well.
     pub cannot_tell: bool,
-    /// The angle between the measured and the stated force, degrees, if their magnitudes agree and
-    /// the angle exceeds the limit.
+    /// Degrees between the measured and the stated force, if their magnitudes agree and the limit
+    /// is exceeded.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub turned_deg: Option<f64>,
 }
@@ -80,8 +79,8 @@ impl Certificate<'_> {
         std::array::from_fn(|axis| squares(axis).fold(0.0, |sum, square| sum + square).sqrt())
     }
 
-    /// The effective degrees of freedom of each axis by the Welch-Satterthwaite formula (GUM,
-    /// G.4.1); infinite if all uncertainties are taken as exact.
+    /// Effective degrees of freedom by the Welch-Satterthwaite formula (GUM, G.4.1); infinite if
+    /// all uncertainties are taken as exact.
     pub fn degrees_of_freedom(&self) -> PerAxis<f64> {
         let combined = self.combined();
         let parts = self.budget.iter().filter(|of| !of.is_part);
@@ -93,8 +92,7 @@ impl Certificate<'_> {
         })
     }
 
-    /// The coverage factor of each axis: the 95 % quantile of Student's t (GUM, G.6.4), or 2 for
-    /// infinite degrees of freedom.
+    /// The 95 % quantile of Student's t (GUM, G.6.4), or 2 for infinite degrees of freedom.
     pub fn coverage(&self) -> PerAxis<f64> {
         self.degrees_of_freedom().map(|degrees| match degrees.is_finite() {
             true => student_quantile(LEVEL, degrees),

@@ -1,5 +1,3 @@
-//! The section on the calibration.
-
 use super::super::markup::{Column, facts_table, figure, table};
 use super::super::units::{AxisUnits, axis_names};
 use calibration::quality::AxisQuality;
@@ -52,8 +50,8 @@ pub(crate) fn sources_table(file: &CalibrationFile) -> String {
     table("What the calibration was made from", &columns)
 }
 
-/// The errors of each axis on training data, held-out groups and test data, as far as known; forces
-/// share one unit, moments another.
+/// Errors on training data, held-out groups and test data, as far as known; forces share one unit,
+/// moments another.
 pub(crate) fn errors_table(file: &CalibrationFile) -> String {
     let Some(known) = &file.origin.diagnostics else { return String::new() };
     let mut errors: Vec<(&str, PerAxis<Option<f64>>)> = Vec::new();
