@@ -16,7 +16,8 @@ pub(super) fn add(document: &str) -> String {
     format!("{content}{}", seal(content.as_bytes()))
 }
 
-/// Reads Windows line ends, which version control may introduce, as plain line feeds.
+/// Checks the checksum. Windows line ends, which version control may introduce, are read as line
+/// feeds.
 ///
 /// # Errors
 /// The reason, if the document is not as written.

@@ -20,7 +20,7 @@ pub struct Origin {
     pub date: String,
     pub sensor_serial: Option<String>,
     pub solver: Option<SolverRecord>,
-    /// `None` for an imported matrix.
+    /// Quality of the fit; `None` for an imported matrix.
     pub diagnostics: Option<Diagnostics>,
     pub sources: Vec<SourceFile>,
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -19,7 +19,6 @@ use crate::origin::as_unicode;
 use crate::{CalibrationFileError, JsonFault, LARGEST, Problem};
 use forces::payload::{Accelerometer, Payload, PayloadFit};
 
-/// The version of the documents that this program writes and reads.
 pub const SCHEMA_VERSION: u64 = 1;
 
 const KIND: &str = "payload";

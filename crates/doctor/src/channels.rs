@@ -97,8 +97,8 @@ pub(crate) fn without_consequences(findings: &mut Vec<Finding>) {
 
 /// Finds two channels with exchanged readings.
 ///
-/// Readings that no load can cause have large standard errors of their forces, far from training
-/// data. If an exchange brings them back, the channels are swapped.
+/// Readings that no load can cause lie far from all training data, which shows in the standard
+/// errors of their forces. If an exchange brings them back, the channels are swapped.
 fn swapped(summary: &LogSummary, names: &[String], calibration: &Calibration) -> Option<Finding> {
     if summary.readings.len() != calibration.channels() {
         return None;

@@ -19,7 +19,6 @@ const MOST_ROWS: usize = 1_000_000;
 
 #[derive(Debug, Default)]
 pub(crate) struct LabelledRows {
-    /// Readings and wrench of consecutive rows of one label.
     runs: Vec<(String, Block)>,
     rows: usize,
 }

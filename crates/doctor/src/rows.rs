@@ -32,7 +32,6 @@ const MOST_ROWS: u64 = 200_000;
 
 type Looked<'a> = Vec<(usize, &'a LabelledBlock)>;
 
-/// Checks the readings of each log, with the channels' `names`.
 pub fn check_rows(data: &Dataset, names: &[String]) -> Vec<Finding> {
     let mut all = Vec::new();
     for log in &data.logs {

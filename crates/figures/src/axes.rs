@@ -18,7 +18,6 @@ pub(super) struct ValueRange {
 }
 
 impl ValueRange {
-    /// The empty range: its ends are infinite.
     pub(super) const EMPTY: Self = Self { low: f64::INFINITY, high: f64::NEG_INFINITY };
 
     pub(super) fn over(values: impl IntoIterator<Item = f64>) -> Self {

@@ -88,13 +88,13 @@ impl AxisPlot {
 // Lengths in CSS pixels. A4 portrait at 96 per inch is 794 by 1123.
 const WIDTH: f64 = 900.0;
 const TOP: f64 = 62.0;
-/// On a screen; the size of cells is chosen for it.
+/// Width of a panel on a screen; the size of cells is chosen for it.
 const PLOT_WIDTH: f64 = 222.0;
 const MARGINS: f64 = 78.0;
 const RESIDUAL_HEIGHT: f64 = 130.0;
 const PROFILE_WIDTH: f64 = 42.0;
 
-/// Two panels of an axis, without the side of the upper one.
+/// Height of the two panels of an axis, without the side of the upper one.
 const BLOCK: f64 = 24.0 + BOTTOM_MARGIN + 14.0 + RESIDUAL_HEIGHT + BOTTOM_MARGIN + 14.0;
 
 /// Draws, for each of `axes`, predicted against measured, residual against predicted, and the

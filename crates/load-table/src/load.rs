@@ -12,7 +12,7 @@ pub struct HungLoad {
     /// Standard errors of a force.
     pub errors: LoadErrors,
     pub mounting: Option<String>,
-    /// Number in the table, from 1.
+    /// Line number in the table, from 1.
     pub line: usize,
 }
 

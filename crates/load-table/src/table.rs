@@ -8,7 +8,6 @@ use super::columns::{LoadColumn, errors, pull};
 use super::load::HungLoad;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Loads, one per line, with their cells.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct HungLoads {
     header: Vec<String>,
@@ -125,7 +124,6 @@ impl HungLoads {
         &self.loads
     }
 
-    /// Returns `None` if there is no column of this name.
     pub fn column(&self, name: &str) -> Option<impl Iterator<Item = &str>> {
         let at = self.header.iter().position(|known| known.eq_ignore_ascii_case(name))?;
         Some(self.cells.iter().map(move |cells| cells[at].as_str()))

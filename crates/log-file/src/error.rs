@@ -22,7 +22,6 @@ pub enum LogError {
     Unpacking { path: PathBuf, method: &'static str, source: io::Error },
     #[error("`{}` is {problem}", path.display())]
     Table { path: PathBuf, problem: TableError },
-    /// The rows of the file and its companion do not match.
     #[error("`{}` and `{}` beside it: {problem}", path.display(), companion.display())]
     RowMismatch { path: PathBuf, companion: PathBuf, problem: RowMismatch },
     /// An unsupported format: its name, and advice on converting it.
@@ -31,10 +30,8 @@ pub enum LogError {
     /// A table was requested by name from a file that contains a single one.
     #[error("`{}` is a single table, and has none called `{wanted}`", path.display())]
     NoParts { path: PathBuf, wanted: String },
-    /// The file has no bytes, or only blank lines.
     #[error("`{}` is empty", .0.display())]
     Empty(PathBuf),
-    /// The file has a header and nothing after it.
     #[error("`{}` has a header but no rows", .0.display())]
     NoRows(PathBuf),
     #[error("no row of `{}` meets all conditions", .0.display())]
@@ -83,7 +80,6 @@ pub enum PlacedProblem {
     /// No lines are rows of numbers, and the first line does not name known columns.
     #[error("this names no columns, and no rows of numbers follow")]
     NoTable,
-    /// The requested format has `expected` columns, the log has `found`.
     #[error("{format} has {expected} columns, found {found}")]
     LayoutMismatch { format: crate::format::mapping::LogFormat, expected: usize, found: usize },
     /// Required columns are missing; `found` are those that exist.
@@ -103,7 +99,6 @@ pub enum PlacedProblem {
     /// Times are integers whose median `step` leaves two units possible.
     #[error("the time unit of column `{column}` is not known; it grows by `{step}` a row")]
     UnclearTimeUnit { column: String, step: f64 },
-    /// Dates have two readings: day or month first.
     #[error("column `{column}`: the date `{date}` begins with its day or with its month")]
     UnclearDate { column: String, date: String },
     /// Two columns, given by their positions from 0, have the same meaning.
@@ -112,7 +107,6 @@ pub enum PlacedProblem {
         columns[0] + 1, names[0], columns[1] + 1, names[1]
     )]
     DuplicateColumn { meaning: String, columns: [usize; 2], names: Box<[String; 2]> },
-    /// A row is invalid.
     #[error(transparent)]
     Row(#[from] RowProblem),
 }
@@ -269,16 +263,14 @@ impl fmt::Display for LogPosition {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RowProblem {
-    /// The column is given by its position from 0.
+    /// A field does not suit its column, which is given by its position from 0.
     #[error("column {} (`{name}`): expected {problem}, found {}", column + 1, match problem {
         FieldProblem::Empty => "nothing".to_owned(),
         _ => format!("`{found}`"),
     })]
     Field { column: usize, name: String, problem: FieldProblem, found: String },
-    /// The number of columns differs from the header or the first row.
     #[error("expected {expected} columns, found {found}")]
     ColumnCount { expected: usize, found: usize },
-    /// A quoted field does not end on its line.
     #[error("expected a closing quote on the same line")]
     OpenQuote,
     /// A payload begins like a scan, but is not one.

@@ -7,7 +7,7 @@ use shell_data::Converter;
 use shell_data::block::Block;
 use shell_data::statistics::RunningVariance;
 
-/// Covers the rows read so far.
+/// The summary of the rows read so far.
 #[derive(Clone, Debug, Default)]
 pub struct LogSummary {
     pub rows: u64,
@@ -135,7 +135,6 @@ impl ColumnSummary {
         ends
     }
 
-    /// Returns the number of rows at an end of the converter's range.
     pub fn saturated_rows(&self) -> u64 {
         self.rows_at_ends().iter().map(|(_, rows)| rows).sum()
     }
@@ -149,11 +148,8 @@ const QUIET_VALUES: usize = 4;
 
 #[derive(Clone, Debug, Default)]
 pub struct LogTiming {
-    /// The first time in s.
     pub start_s: Option<f64>,
-    /// The last time in s.
     pub end_s: Option<f64>,
-    /// Number of times that time runs backwards.
     pub backward_steps: u64,
     /// The row (from 0) at which it does so first.
     pub first_backward_row: Option<u64>,
@@ -165,9 +161,7 @@ pub struct LogTiming {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SampleInterval {
-    /// Length in s.
     pub length_s: f64,
-    /// Start time in s.
     pub start_s: f64,
     /// The row (from 0) at which it ends.
     pub row: u64,
@@ -234,7 +228,6 @@ impl LogTiming {
         (rows > 0).then(|| (squares / rows as f64).sqrt() * 1e-6)
     }
 
-    /// Counts the intervals in which rows seem to be missing.
     pub fn gaps(&self) -> Gaps {
         let median = self.intervals.median().unwrap_or_default();
         let mut gaps = Gaps::default();
@@ -248,7 +241,6 @@ impl LogTiming {
     }
 }
 
-/// An interval of more than this many times the median is a gap.
 const GAP: f64 = 1.5;
 
 /// A histogram of integers in µs: one bin per value up to 2¹⁶, then 2¹⁵ bins per doubling.

@@ -55,13 +55,10 @@ enum FileStage {
 pub enum OutputError {
     #[error("cannot write `{}`", path.display())]
     Failed { path: PathBuf, source: io::Error },
-    /// The output is a file that is read, under any name.
     #[error("the output `{}` would replace the input `{}`", path.display(), input.display())]
     IsInput { path: PathBuf, input: PathBuf },
-    /// The file is already an output, as `other`.
     #[error("two outputs would be written to one file, `{}`{}", path.display(), also(path, other))]
     Twice { path: PathBuf, other: PathBuf },
-    /// The path is `-`, the standard output; a recording needs a file.
     #[error("a recording is a file, and `-` stands for the standard output")]
     Stdout,
     /// The name has the extension of a binary table, which cannot be read until it is complete.
@@ -74,7 +71,6 @@ impl OutputError {
         Self::Failed { path: path.into(), source }
     }
 
-    /// Refuses the name of a binary table for frames as text.
     pub fn check_text(path: &Path) -> Result<(), Self> {
         let extension = path.extension().map(|it| it.to_string_lossy().to_lowercase());
         let is_binary = |extension: &str| ["mcap", "parquet", "mat", "npy"].contains(&extension);
@@ -258,7 +254,6 @@ impl AtomicFile {
         }
     }
 
-    /// Wraps a system error in one of the same kind that names the file.
     fn named(&self, error: io::Error) -> io::Error {
         io::Error::new(error.kind(), OutputError::failed(&self.path, error))
     }

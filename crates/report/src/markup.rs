@@ -11,7 +11,6 @@ pub(super) fn figure(value: impl Into<Option<f64>>) -> String {
     significant(value, 4)
 }
 
-/// Like [`figure`], with the given number of digits.
 pub(super) fn significant(value: impl Into<Option<f64>>, digits: i32) -> String {
     let Some(value) = value.into().filter(|value| value.is_finite()) else {
         return "–".to_owned();
@@ -43,7 +42,6 @@ impl Column {
         Self::new(name, "text", cells)
     }
 
-    /// A column of texts that may wrap.
     pub(super) fn long(name: &str, cells: impl IntoIterator<Item: ToString>) -> Self {
         Self::new(name, "text long", cells)
     }

@@ -30,23 +30,23 @@ pub struct Block {
     pub rows: usize,
     /// Position of the text in the log, in bytes; unique within a log.
     pub offset: u64,
-    /// Lines of the rows as they were read.
     pub lines: RowLines,
     pub time_s: Vec<f64>,
-    /// Counts, one column per channel, then [`memory_columns`](Self::memory_columns) columns of terms that a
-    /// calibration adds.
+    /// Readings in counts, one column per channel, followed by
+    /// [`memory_columns`](Self::memory_columns) columns of terms that a calibration adds.
     pub readings: Vec<Vec<f64>>,
-    /// Number after the channels.
+    /// Number of columns after the channels.
     pub memory_columns: usize,
-    /// N and N·m, six columns in the order of [`crate::wrench::Axis::ALL`]; axes that the log lacks are zero.
+    /// Wrench in N and N·m, six columns in the order of [`crate::wrench::Axis::ALL`]; axes that the
+    /// log lacks are zero.
     pub wrench: Vec<Vec<f64>>,
-    /// Run-length encoded: label and number of rows, in row order.
+    /// Group labels, run-length encoded: label and number of rows, in row order.
     pub groups: Vec<(String, usize)>,
     /// Weights in a sum of squares; empty if all are equal, as in every log.
     pub weights: Vec<f64>,
-    /// Requested by position, unconverted.
+    /// Columns requested by position, unconverted.
     pub others: Vec<Vec<f64>>,
-    /// Requested by position, run-length encoded.
+    /// Text columns requested by position, run-length encoded.
     pub texts: Vec<Vec<(String, usize)>>,
     /// Readings of the row just before this block, `None` at the start of a log.
     pub readings_before: Option<Vec<f64>>,

@@ -24,7 +24,7 @@ pub type LabelRuns = Vec<(String, usize)>;
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ReadSummary {
     pub rows: u64,
-    /// Readings equal those of the previous row; 0 if they were not requested.
+    /// Rows whose readings equal those of the previous row; 0 if they were not requested.
     pub repeated_rows: u64,
     /// Invalid rows that were left out, including an incomplete last row.
     pub skipped_rows: u64,
@@ -42,7 +42,7 @@ pub struct Dataset {
 pub struct LogRows {
     /// Name in messages, usually the path.
     pub name: PathBuf,
-    /// The other axes of the wrench are zero.
+    /// Axes of the wrench; the others are zero.
     pub axes: Axes,
     pub channels: usize,
     pub has_groups: bool,
@@ -59,7 +59,7 @@ pub struct LogRows {
 /// Rows with labels that may differ from those in the log.
 #[derive(Clone, Debug, Default)]
 pub struct LabelledBlock {
-    /// Their own labels are ignored.
+    /// Rows, whose own labels are ignored.
     pub rows: Arc<Block>,
     pub labels: Arc<LabelRuns>,
 }

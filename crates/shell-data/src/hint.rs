@@ -8,7 +8,6 @@ pub trait Hint {
     fn hint(&self) -> Option<String>;
 }
 
-/// Formats an error with its causes.
 pub fn with_causes(error: &dyn Error) -> String {
     let text = error.to_string();
     match error.source().map(with_causes) {
@@ -37,7 +36,6 @@ pub fn suggest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Opti
     best.map(|(_, known)| known)
 }
 
-/// Formats `, did you mean …?` if a similar name is known.
 pub fn did_you_mean<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> String {
     suggest(name, known).map_or_else(String::new, |known| format!(", did you mean `{known}`?"))
 }

@@ -66,8 +66,8 @@ pub fn arch() -> Arch {
 /// add_multiple(&mut y, 2.0, &[3.0, 4.0]);
 /// assert_eq!(y, [7.0, 10.0]);
 /// ```
-/// A function with explicit vectors begins with a parameter for them, which callers omit: `fn
-/// add<S: Simd>(simd: S, …)`. The macro can define only one such function at a time.
+///
+/// A function with explicit vectors begins with a parameter for them, which callers omit:
 /// `fn add<S: Simd>(simd: S, …)`. The macro can define only one such function at a time.
 #[macro_export]
 macro_rules! vectorised {

@@ -9,7 +9,6 @@ use rand_chacha::rand_core::{Rng, SeedableRng};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Purpose {
-    /// Variation from unit to unit.
     Unit = 1,
     /// Variation from recording to recording: light, warmth, mounting.
     Session = 2,
@@ -17,10 +16,9 @@ pub enum Purpose {
     Reference = 4,
     TrainingPoses = 5,
     TestPoses = 6,
-    /// Frames lost in transmission.
+    /// Variation of the reference sensor's mounting from recording to recording.
     Mounting = 7,
     Losses = 8,
-    /// A radio's effects on packets.
     Radio = 9,
     Bootstrap = 10,
     /// Variation from trial to trial of the virtual robot.
@@ -40,7 +38,7 @@ pub struct RandomStream {
 }
 
 impl RandomStream {
-    /// `index` distinguishes streams with the same purpose.
+    /// Makes the stream for a purpose; `index` distinguishes streams with the same purpose.
     pub fn new(seed: u64, purpose: Purpose, index: u64) -> Self {
         let mut key = [0; 32];
         key[..8].copy_from_slice(&seed.to_le_bytes());

@@ -19,7 +19,7 @@ use crate::vectorised;
 pub struct RunningVariance {
     pub count: u64,
     pub mean: f64,
-    /// Deviations are from the mean.
+    /// Sum of squared deviations from the mean.
     pub squares: f64,
 }
 

@@ -61,7 +61,7 @@ impl Telemetry {
         COLUMNS[self as usize].1
     }
 
-    /// Takes a name in lower case without spaces and punctuation.
+    /// Finds a column by its name in lower case, without spaces and punctuation.
     pub fn from_name(plain: &str) -> Option<Self> {
         let is_named = |spellings: &str| spellings.split(' ').any(|spelling| spelling == plain);
         COLUMNS.into_iter().find(|(_, _, spellings)| is_named(spellings)).map(|(column, ..)| column)

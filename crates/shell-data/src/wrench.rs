@@ -3,7 +3,7 @@
 
 use std::fmt;
 
-/// The order is used everywhere.
+/// An axis of the wrench, in the order used everywhere.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Axis {
     /// Force forward, N.

@@ -24,7 +24,6 @@ pub struct Array {
 pub(crate) enum ArrayValues {
     /// Anything that cannot be a column of a table, with the reason.
     Other(&'static str),
-    /// Numbers or texts that have not been read yet.
     Unread,
     Numbers(ArrayNumbers),
     Texts(Arc<Vec<String>>),
@@ -57,7 +56,6 @@ impl Array {
         }
     }
 
-    /// Returns the reason if the array cannot be part of a table.
     fn refusal(&self) -> Option<&'static str> {
         match (&self.values, self.sides()) {
             (ArrayValues::Other(what), _) => Some(what),

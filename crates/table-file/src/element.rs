@@ -36,7 +36,6 @@ impl Element {
         }
     }
 
-    /// Converts the bytes of one element.
     pub(crate) fn cell(self, bytes: &[u8], is_little: bool) -> Cell {
         // Copies the bytes to the lowest bytes of a word.
         let mut word = [0; 8];
@@ -86,7 +85,6 @@ pub(crate) struct Strided<'a> {
 }
 
 impl Strided<'_> {
-    /// Iterates over the first `SIZE` bytes of each value.
     fn chunks<const SIZE: usize>(&self) -> impl Iterator<Item = [u8; SIZE]> {
         let rows = self.bytes.chunks(self.stride.max(1)).take(self.rows);
         rows.map_while(|row| row.first_chunk::<SIZE>().copied())

@@ -101,11 +101,9 @@ fn whole(value: f64) -> Option<i64> {
 
 #[derive(Clone, Debug, PartialEq)]
 pub enum Cells<'a> {
-    /// Names and remarks.
     Text(Cow<'a, [String]>),
     /// Numbers, possibly with missing values.
     Number(Cow<'a, [Option<f64>]>),
-    /// Numbers, none missing.
     Full(Cow<'a, [f64]>),
     /// Counts, possibly with missing values.
     Count(Cow<'a, [Option<u64>]>),
@@ -211,7 +209,6 @@ pub struct TablePart {
 }
 
 impl TablePart {
-    /// Removes all rows, and makes room for the requested columns.
     pub(crate) fn clear(&mut self, wanted: &[WantedColumn]) {
         self.rows = 0;
         self.blank.clear();
@@ -233,14 +230,10 @@ impl From<String> for TableColumn {
     }
 }
 
-/// A table that a format found in a file.
 pub(crate) struct FoundTable {
-    /// `None` if they have no names or the names are in the rows.
     pub(crate) columns: Option<Vec<TableColumn>>,
     pub(crate) rows: Arc<dyn RowSource>,
-    /// Notes on contents that are left out, and on decisions.
     pub(crate) notes: Vec<String>,
-    /// True if the file ends in the middle of its content and the rest is read.
     pub(crate) is_cut_off: bool,
 }
 
@@ -259,7 +252,6 @@ pub(crate) trait RowSource: fmt::Debug + Send + Sync {
     /// Returns the number of columns; 0 if it differs between rows.
     fn columns(&self) -> usize;
 
-    /// Streams the rows of the requested columns.
     fn rows(self: Arc<Self>, wanted: Vec<WantedColumn>) -> Result<RowStream, TableError>;
 }
 

@@ -11,10 +11,8 @@ pub enum FileKind {
     /// HDF5, including MATLAB 7.3 and later.
     Hdf5,
     Matlab,
-    /// MCAP, a container for recorded messages.
     Mcap,
     NumPy,
-    /// A spreadsheet of LibreOffice and others.
     Ods,
     Parquet,
     Rosbag,
@@ -24,7 +22,6 @@ pub enum FileKind {
     Tdms,
     /// A recording of Lab Streaming Layer.
     Xdf,
-    /// A workbook of Excel.
     Xlsx,
 }
 
@@ -61,7 +58,7 @@ impl fmt::Display for FileKind {
     }
 }
 
-/// The caller adds the name of the file.
+/// An error of reading a table, to which the caller adds the name of the file.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum TableError {

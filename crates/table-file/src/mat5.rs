@@ -18,7 +18,6 @@ const KIND: FileKind = FileKind::Matlab;
 /// Length of the file header: text, version and byte order.
 const HEADER: usize = 128;
 
-/// Types of data elements.
 const INT8: u32 = 1;
 const UINT8: u32 = 2;
 const UINT16: u32 = 4;
@@ -40,7 +39,6 @@ const INTEGERS: Range<u32> = 8..16;
 const OPAQUE: u32 = 17;
 const COMPLEX: u32 = 0x0800;
 
-/// Maximum nesting of structs and cells.
 const DEPTH: u8 = 8;
 
 const CUT_OFF: &str = "it is cut off";
@@ -313,7 +311,6 @@ fn length(length: usize) -> io::Result<[u8; 4]> {
     i32::try_from(length).map_err(error).map(i32::to_le_bytes)
 }
 
-/// Converts a name to a valid variable name.
 fn variable(name: &str) -> String {
     let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
     let name: String = name.chars().map(plain).take(63).collect();

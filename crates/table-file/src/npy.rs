@@ -123,7 +123,6 @@ fn shape(shape: &Value) -> Option<Vec<u64>> {
     shape.as_array()?.iter().map(Value::as_u64).collect()
 }
 
-/// Returns the columns of a record, their names, and the record's size.
 fn record(fields: &[Value]) -> Result<(Vec<ValueOffset>, Vec<String>, u64), TableError> {
     let (mut columns, mut names, mut offset) = (Vec::new(), Vec::new(), 0);
     for field in fields {

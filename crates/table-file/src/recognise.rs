@@ -71,7 +71,7 @@ const FOREIGN: [(&[u8], &str, &str); 30] = [
     (b"\x7fELF", "a program", NO_TABLE),
 ];
 
-/// Takes the first [`RECOGNISED_BYTES`], or all bytes of a shorter file.
+/// Recognises a file from its first [`RECOGNISED_BYTES`], or all bytes of a shorter file.
 pub fn recognise(head: &[u8]) -> Recognised {
     if head.starts_with(b"MATLAB 5.0 MAT-file")
         || matches!(head.get(124..128), Some([0, 1, b'I', b'M'] | [1, 0, b'M', b'I']))

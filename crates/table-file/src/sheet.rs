@@ -8,6 +8,7 @@ use crate::kind::{FileKind, TableError};
 
 pub(crate) const LAST_ROW: u64 = 1 << 20;
 
+/// Number of rows that are searched for a table.
 const LOOKED_AT: usize = 100;
 
 /// A stream of rows with their numbers in the sheet, from 1 and ascending; blank rows may be left out.

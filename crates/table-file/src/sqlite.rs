@@ -15,14 +15,13 @@ const ROW: u64 = 16 << 20;
 /// Length of the header of the file, which precedes the content of the first page.
 const HEADER: usize = 100;
 
-/// Kinds of pages of tables.
 const INTERIOR: u8 = 5;
 const LEAF: u8 = 13;
 
 pub(crate) struct Database {
     file: BufReader<OpenFile>,
     page_bytes: usize,
-    /// Without the bytes at a page's end that extensions use.
+    /// Bytes of a page without those at its end that extensions use.
     usable: usize,
     pages: u32,
     file_bytes: u64,
@@ -93,7 +92,6 @@ impl Database {
         Ok(tables)
     }
 
-    /// Returns the rows of the table with this first page.
     pub(crate) fn rows(&self, root: u32) -> TableRows {
         TableRows { waiting: vec![root], cells: Vec::new(), page: Vec::new(), left: self.pages }
     }

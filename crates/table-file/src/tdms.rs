@@ -26,7 +26,6 @@ const KIND: FileKind = FileKind::Tdms;
 /// Length of a segment's head.
 const HEAD: u64 = 28;
 
-/// Bits for what a segment contains.
 const HAS_OBJECTS: u32 = 1 << 1;
 const HAS_NEW_LIST: u32 = 1 << 2;
 const HAS_VALUES: u32 = 1 << 3;
@@ -76,10 +75,9 @@ struct Piece {
 struct Channel {
     /// `/'group'/'channel'` without slashes and quotes: `group/channel`.
     name: String,
-    /// 0 without values.
+    /// The type of the values; 0 if there are none.
     kind: u32,
     is_little: bool,
-    /// The reason why the values cannot be read.
     unread: Option<&'static str>,
     /// True for values of a card, which need a scale.
     is_of_card: bool,
@@ -147,7 +145,6 @@ struct Reader {
     /// Position of the next segment.
     at: u64,
     channels: Vec<Channel>,
-    /// Positions of objects in `channels`, by path.
     places: HashMap<String, usize>,
     active: Vec<usize>,
     indexes: Vec<Index>,

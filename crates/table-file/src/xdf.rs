@@ -148,7 +148,6 @@ fn read_chunk(streams: &mut Vec<LslStream>, content: &[u8]) -> Option<Result<(),
     Some(Ok(()))
 }
 
-/// Reads the header of a stream: its name, the type of its values, and its channels.
 fn header(id: u32, text: &[u8]) -> Result<LslStream, TableError> {
     let mut xml = Xml::new(text);
     let mut stream = LslStream { id, ..LslStream::default() };
@@ -297,7 +296,6 @@ fn choose(streams: &[LslStream], part: Option<&str>) -> Result<usize, TableError
     }
 }
 
-/// Returns the columns of a stream, with the columns of the streams joined to it.
 fn table(
     streams: &[LslStream],
     base: usize,

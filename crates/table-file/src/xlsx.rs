@@ -20,7 +20,6 @@ struct XlsxSheet {
     file: FileSource,
     entry: ZipEntry,
     texts: Arc<[String]>,
-    /// The styles of dates and times.
     styles: HashMap<usize, TimeStyle>,
     /// True if days count from 1904, not 1900.
     since_1904: bool,

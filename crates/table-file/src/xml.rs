@@ -5,7 +5,7 @@ use std::io::{BufRead, BufReader, Read};
 
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct XmlTag {
-    /// Between the previous tag and this one.
+    /// Text between the previous tag and this one.
     pub(crate) text: String,
     pub(crate) name: String,
     attributes: String,

@@ -35,8 +35,8 @@ pub struct PartialFit {
     pub columns: Option<ColumnNames>,
     #[serde(default = "all_axes", skip_serializing_if = "are_all")]
     pub axes: Axes,
-    /// Sensors in channel order, then the wrench, by recognised or specified names. Unknown in
-    /// documents of earlier versions.
+    /// The summed sensors in channel order, then the wrench, by recognised or specified names.
+    /// Unknown in documents of earlier versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub summed: Option<Vec<String>>,
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -13,13 +13,9 @@ pub struct RowCondition {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Comparison {
-    /// An identical text, or an equal number.
     Equal,
-    /// Neither an identical text nor an equal number.
     Unequal,
-    /// A smaller number.
     Below,
-    /// A larger number.
     Above,
 }
 
@@ -50,7 +46,6 @@ pub(crate) struct PlacedCondition {
 }
 
 impl PlacedCondition {
-    /// Returns true if a row with this value is read.
     pub(crate) fn is_met(&self, found: &str) -> bool {
         let number = |text: &str| parse_field(text.as_bytes()).ok();
         let numbers = number(found).zip(number(&self.value));
@@ -121,7 +116,6 @@ pub struct Interleaving {
     pub values: Vec<String>,
 }
 
-/// Names of numeric columns that identify sensors.
 const IDENTITIES: [&str; 8] =
     ["id", "sensorid", "deviceid", "boardid", "nodeid", "sensor", "device", "node"];
 
@@ -129,6 +123,7 @@ const IDENTITIES: [&str; 8] =
 const REMARKS: [&str; 6] = ["flags", "note", "notes", "comment", "status", "event"];
 
 impl Interleaving {
+    /// The largest number of sensors.
     const MOST: usize = 8;
 
     /// Finds such a column in the first rows. `columns` are the names and fields of columns without a meaning.

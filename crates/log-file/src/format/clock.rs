@@ -6,7 +6,6 @@ use crate::parse::date::{DateOrder, is_date, is_time_of_day, order_of};
 use crate::parse::number::parse_field;
 use shell_data::statistics::upper_median;
 
-/// The notation of times that are dates or times of day.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct DateColumn {
     pub(crate) order: DateOrder,
@@ -81,7 +80,6 @@ impl ClockFields {
         upper_median(&mut steps).filter(|step| is_day && *step < 2e-5)
     }
 
-    /// Returns the median step from row to row of times that are increasing integers.
     fn median_step(&self) -> Option<f64> {
         let times = self.0.iter().take(CLOCK_ROWS).filter_map(|field| parse_field(field).ok());
         let times: Vec<f64> = times.collect();
@@ -94,7 +92,6 @@ impl ClockFields {
     }
 }
 
-/// Returns true if a number is likely a time since 1970.
 pub(super) fn is_since_1970(field: &[u8]) -> bool {
     epoch_unit(field).is_some()
 }

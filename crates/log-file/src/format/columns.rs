@@ -22,7 +22,6 @@ pub struct Column {
 }
 
 impl Column {
-    /// Describes the column's meaning with its unit; `None` if it has none.
     pub fn in_words(&self) -> Option<String> {
         let meaning = self.meaning.in_words()?;
         let unit = self.unit.known().map(|unit| unit.symbol.as_str());
@@ -131,7 +130,6 @@ pub(crate) fn recognise(
     Ok((columns, roles))
 }
 
-/// Combines the unit in a column's name with the unit below it.
 fn one_unit(in_name: StatedUnit, below: StatedUnit) -> StatedUnit {
     match (&in_name, &below) {
         (StatedUnit::Known(name), StatedUnit::Known(row)) if name.scale != row.scale => {
@@ -229,7 +227,6 @@ fn apply_mapping(
     Ok(group)
 }
 
-/// Returns the existing column names of a matrix `name`.
 fn columns_of(names: &[String], name: &str) -> Vec<String> {
     let numbered = |first: usize, [before, after]: [&str; 2]| -> Vec<String> {
         let columns = (first..).map(|number| format!("{name}{before}{number}{after}"));
@@ -292,7 +289,6 @@ pub(crate) fn by_shape(names: &[String], mapping: &Mapping) -> Mapping {
     mapping
 }
 
-/// Replaces references to a matrix by references to its columns.
 fn of_matrices(names: &[String], references: &[ColumnRef]) -> Vec<ColumnRef> {
     let columns = |reference: &ColumnRef| match reference {
         ColumnRef::Name(name) if position(names, reference).is_none() => {

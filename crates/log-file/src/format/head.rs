@@ -100,7 +100,6 @@ pub(crate) fn find(
     Some(found)
 }
 
-/// Returns true if a line is a row with labels, keys or an arrow.
 pub(super) fn is_of_other_form(text: &[u8]) -> bool {
     let of_text =
         |text| behind_arrow(text).is_some() || labelled(text).is_some() || object(text).is_some();
@@ -386,7 +385,6 @@ const OTHER_UNITS: [&str; 22] = [
     "hex", "hz", "%", "-", "c", "°c", "pa", "bar", "ut",
 ];
 
-/// Returns true if most of the non-empty fields are units.
 fn are_units(names: &[String]) -> bool {
     let is_unit = |name: &&String| {
         let bare = name.trim_matches(['(', ')', '[', ']']);

@@ -7,6 +7,7 @@ use shell_data::unit::{Quantity, Unit};
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Keys {
     pub(crate) rate_hz: Option<(f64, u64)>,
+    /// Units, and counts per unit, of forces and of moments.
     pub(crate) units: [Option<(String, u64)>; 2],
     pub(crate) counts: [Option<(f64, u64)>; 2],
     pub(crate) is_labview: bool,
@@ -27,7 +28,6 @@ const RATES: [&str; 9] = [
     "samplespersecond",
 ];
 
-/// Endings of keys for the time from row to row.
 const PERIODS: [&str; 8] = [
     "deltax",
     "sampleinterval",

@@ -31,7 +31,6 @@ pub(crate) struct FileLayout {
     pub(crate) roles: ColumnRoles,
     /// The line number of the first row, from 1.
     pub(crate) rows_line: u64,
-    /// Notation of times that are dates or times of day.
     pub(crate) dates: Option<DateColumn>,
     /// Rows per second stated above the names, if no column is a time.
     pub(crate) rate_hz: Option<f64>,
@@ -64,7 +63,6 @@ impl FileLayout {
 pub(crate) struct Header {
     pub(crate) format: LogFormat,
     pub(crate) separator: u8,
-    /// The notation of values.
     pub(crate) form: RowForm,
     names: Vec<String>,
     /// Empty if no line of units follows the names.
@@ -75,7 +73,6 @@ pub(crate) struct Header {
     pub(crate) rows_start: usize,
     /// The number of the line that names the columns, or of the first row if there is none.
     pub(crate) names_line: u64,
-    /// True if numbers have decimal commas.
     pub(crate) has_decimal_commas: bool,
 }
 
@@ -107,7 +104,6 @@ impl Header {
         }
     }
 
-    /// Returns true if the rows end at the first blank line.
     pub(crate) fn ends_at_blank(&self) -> bool {
         self.keys.is_vicon
     }
@@ -210,7 +206,6 @@ pub(crate) fn recognise_layout(
     })
 }
 
-/// Resolves the user's conditions to column positions.
 fn conditions(
     names: &[String],
     group: Option<usize>,
@@ -336,7 +331,6 @@ fn decisions(header: &Header, rows_line: u64, takes_rate: bool) -> Vec<String> {
     if is_usual { Vec::new() } else { said }
 }
 
-/// Formats a number with commas between its thousands.
 fn grouped(number: f64) -> String {
     let text = number.to_string();
     let (whole, rest) = text.split_at(text.find('.').unwrap_or(text.len()));

@@ -12,7 +12,6 @@ pub(super) struct LayoutLine<'a> {
     pub(super) number: u64,
 }
 
-/// Returns a text without blanks at its ends.
 fn trimmed(text: &[u8]) -> &[u8] {
     let is_other = |byte: &u8| *byte != b' ';
     let start = text.iter().position(is_other).unwrap_or(text.len());

@@ -13,7 +13,6 @@ use std::fmt;
 pub enum LogFormat {
     /// Robot telemetry of the lab: `%` header lines; the last one names the columns.
     Telemetry,
-    /// Separated values with a header line.
     Csv,
     /// Training file of the lab, without a header: time, eight sensors, six wrench columns.
     ///
@@ -52,11 +51,11 @@ pub struct Mapping {
     /// The wrench columns, in the order Fx … Mz; `None` for an axis that the log lacks.
     pub wrench: Option<PerAxis<Option<ColumnRef>>>,
     pub time: Option<ColumnRef>,
-    /// Overrides the name.
+    /// Unit of the time column, which overrides the name.
     pub time_unit: Option<TimeUnit>,
     /// The column with the group (pose, session, trial) of each row.
     pub group: Option<ColumnRef>,
-    /// Overrides the names.
+    /// Unit of the moment columns, which overrides the names.
     pub moment_unit: Option<MomentUnit>,
     /// Units by axis, by `force`, `moment` or `time`, or by column name; they override the log.
     pub units: Vec<(String, String)>,
@@ -64,7 +63,7 @@ pub struct Mapping {
     pub usual_units: Vec<(String, String)>,
     pub rows: Vec<RowCondition>,
     pub excluded_groups: Vec<String>,
-    /// Used if the log has them and the fields above specify no columns.
+    /// Default columns, used if the log has them and the fields above specify no columns.
     pub usual: Option<ColumnNames>,
 }
 
@@ -80,7 +79,6 @@ pub const FORMATS: [(&str, &str, LogFormat); 5] = [
     ("console", "Base-station console with received payloads", LogFormat::Console),
 ];
 
-/// The descriptions are not needed.
 pub const TIME_UNITS: [(&str, &str, TimeUnit); 4] = [
     ("s", "", TimeUnit::Second),
     ("ms", "", TimeUnit::Millisecond),
@@ -189,7 +187,6 @@ fn named_axis(item: &str) -> Option<(Axis, &str)> {
 }
 
 impl Mapping {
-    /// Returns true if the user gives a column by its name.
     pub(crate) fn names_columns(&self) -> bool {
         let wrench = self.wrench.iter().flatten().flatten();
         let columns = self.sensors.iter().flatten().chain(wrench).chain(&self.time);

@@ -68,9 +68,7 @@ impl Meaning {
 pub enum StatedUnit {
     #[default]
     None,
-    /// A unit that is understood.
     Known(Unit),
-    /// A text that is not a known unit.
     Unknown(String),
 }
 
@@ -155,7 +153,6 @@ pub(super) fn unit_in_name(name: &str, quantity: Quantity) -> StatedUnit {
     unit.map_or(StatedUnit::None, StatedUnit::Known)
 }
 
-/// Splits a name into the part before brackets and their content.
 fn in_brackets(name: &str) -> Option<(&str, &str)> {
     let (base, unit) = name.split_once(['(', '[', '{'])?;
     Some((base, unit.trim_end().trim_end_matches([')', ']', '}'])))
@@ -175,7 +172,6 @@ pub(super) fn numbered(plain_name: &str, prefix: &str) -> Option<usize> {
     digits.parse().ok().filter(|_| (1..=3).contains(&digits.len()))
 }
 
-/// Names of a time column.
 const TIMES: [&str; 5] = ["t", "time", "timestamp", "timestamps", "times"];
 
 /// Recognises a time or wrench axis by a name without a unit: `Fx`, `Tx`, `force_x`, `wrench.torque.z`.

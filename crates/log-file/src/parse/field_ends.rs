@@ -73,7 +73,6 @@ impl FieldEnds {
         rows
     }
 
-    /// Returns the fields of one of `columns` columns, in whole rows.
     pub(crate) fn of_column(&self, column: usize, columns: usize) -> ColumnFields<'_> {
         let befores = (&self.fields[column..], columns);
         let ends = match column + 1 == columns {

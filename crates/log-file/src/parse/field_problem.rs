@@ -1,6 +1,6 @@
 //! The error in one field of a row.
 
-/// The text says what was expected.
+/// An error in a field. Its text says what was expected.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum FieldProblem {

@@ -6,7 +6,6 @@ use shell_data::unit::Unit;
 use super::date::is_date;
 use crate::line::without_returns;
 
-/// The notation of a row's values in its line.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct RowForm {
     /// True if a time precedes the values, before an arrow or in brackets, as serial monitors write.
@@ -20,14 +19,12 @@ pub(crate) struct RowForm {
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) enum RowBody {
-    /// Values between separators.
     #[default]
     Separated,
     /// Values between one or more blanks.
     Blanks,
     /// Values after these labels: `A:1856 B:1239`.
     Labels(Vec<String>),
-    /// Values of these names in a JSON object.
     Json(Vec<String>),
 }
 
@@ -38,7 +35,6 @@ impl RowForm {
         *self == Self::default()
     }
 
-    /// Returns the separator of the rewritten lines.
     pub(crate) fn separator(&self, of_text: u8) -> u8 {
         if self.body == RowBody::Separated { of_text } else { b'\t' }
     }
@@ -162,11 +158,10 @@ pub(crate) fn without_brackets(line: &str) -> String {
     line.replace(['(', ')', '[', ']', '{', '}'], " ")
 }
 
-/// Marks between a value and the next label.
 const MARKS: [char; 5] = [' ', '\t', ',', ';', '|'];
 
-/// Returns labels and values, if a line has nothing else. A unit after a value becomes part of its label: `Reading:
-/// 1.5 lbs` is the column `Reading (lbs)`.
+/// Returns labels and values, if a line has nothing else. A unit after a value becomes part of its label:
+/// `Reading: 1.5 lbs` is the column `Reading (lbs)`.
 pub(crate) fn labelled(line: &str) -> Option<Vec<(String, String)>> {
     let (mut rest, mut pairs) = (line.trim_matches(MARKS), Vec::new());
     // Scales print a number and its unit.
@@ -208,7 +203,6 @@ pub(crate) fn object(line: &str) -> Option<Vec<(String, String)>> {
     Some(fields)
 }
 
-/// Returns the seconds of an object with seconds and nanoseconds.
 fn seconds(object: &serde_json::Map<String, Value>) -> Option<String> {
     let number = |names: [&str; 2]| names.iter().find_map(|&name| object.get(name)?.as_u64());
     let (whole, parts) = (number(["sec", "secs"])?, number(["nanosec", "nsecs"])?);

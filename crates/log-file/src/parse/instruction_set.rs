@@ -1,6 +1,5 @@
 //! The operations of [`super::rows`] on many bytes at once, for each instruction set.
 
-/// Number of bytes that are searched together.
 pub(crate) const BLOCK: usize = 64;
 
 pub(crate) trait InstructionSet: Copy {
@@ -28,7 +27,6 @@ pub(crate) struct ColumnFields<'a> {
 }
 
 impl ColumnFields<'_> {
-    /// Returns the start and the end of a row's field.
     #[inline(always)]
     pub(crate) fn position(self, row: usize) -> (usize, usize) {
         let (befores, ends) = (self.befores, self.ends);

@@ -1,6 +1,6 @@
 //! The double nearest to an integer of up to 64 bits times a power of ten.
 //!
-//! The first 128 bits of the power of five are enough to round correctly in all cases but ties, which are possible
+//! A product with the first 128 bits of the power of five rounds correctly in all cases but ties, which are possible
 //! only if the product is exact (D. Lemire, "Number parsing at a gigabyte per second", Software: Practice and
 //! Experience 51, 2021; N. Mushtak and D. Lemire, "Fast number parsing without fallback", ibid. 53, 2023).
 
@@ -71,7 +71,6 @@ static POWERS_OF_FIVE: [u128; 2 * LARGEST as usize + 1] = {
     powers
 };
 
-/// Returns 128 bits beginning with the first set bit.
 const fn first_128_bits(words: &[u64; 6]) -> u128 {
     let mut first = 0;
     while words[first] == 0 {

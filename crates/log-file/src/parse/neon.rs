@@ -52,7 +52,6 @@ impl InstructionSet for Neon {
             high = neon.vbslq_u8(first, high, self.load(before_closer));
             low = neon.vbslq_u8(second, low, self.load(closer));
         }
-        // Sets the bytes before the number to zero.
         let [first, second] = self.last_of_32(digits);
         let zero = neon.vdupq_n_u8(b'0');
         let high = neon.vandq_u8(neon.vsubq_u8(high, zero), first);
@@ -73,7 +72,6 @@ impl Neon {
         pulp::cast(*bytes)
     }
 
-    /// Returns a bit mask of the bytes that equal `byte`.
     #[inline(always)]
     fn places_of(self, byte: u8, bytes: &[u8; BLOCK]) -> u64 {
         let neon = self.0.neon;

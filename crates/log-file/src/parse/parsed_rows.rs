@@ -10,7 +10,6 @@ use crate::error::RowProblem;
 pub(crate) struct ParsedRows {
     pub(crate) rows: usize,
     pub(crate) skipped: u64,
-    /// The position and error of the first skipped row.
     pub(crate) first_skipped: Option<RowError>,
     /// Numbers of skipped rows by what they have in common.
     pub(crate) skipped_for: BTreeMap<String, u64>,
@@ -19,7 +18,6 @@ pub(crate) struct ParsedRows {
     pub(crate) columns: Vec<Vec<f64>>,
     /// For each text column, runs of equal texts.
     pub(crate) labels: Vec<Vec<(String, usize)>>,
-    /// Working memory: the ends of fields.
     pub(super) ends: FieldEnds,
 }
 

@@ -29,7 +29,7 @@ pub(crate) struct ReadPlan {
     rate: Option<(u64, f64)>,
     numbers: usize,
     time: Option<OutputColumn>,
-    /// If it wraps around.
+    /// The clock, if it wraps around.
     clock: Option<ClockTurns>,
     readings: Vec<OutputColumn>,
     /// Empty, or one element per axis.
@@ -40,7 +40,7 @@ pub(crate) struct ReadPlan {
     has_groups: bool,
     /// Number of text columns in the result.
     texts: usize,
-    /// Their columns follow these.
+    /// Conditions, whose columns follow these.
     conditions: Vec<PlacedCondition>,
 }
 
@@ -58,7 +58,6 @@ struct OutputColumn {
     scale: Scale,
 }
 
-/// Memory for parsing a chunk, which is reused for the next chunk.
 #[derive(Debug, Default)]
 pub(crate) struct BlockBuffer {
     pub(crate) parsed: ParsedRows,

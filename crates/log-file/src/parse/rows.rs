@@ -27,12 +27,11 @@ use shell_data::wrench::Axis;
 /// The column by which a log shows that a reference was recorded beside the board.
 const REFERENCE_NUMBER: &str = "ref_index";
 
-/// The columns of a row that are parsed, and their types.
 #[derive(Debug)]
 pub(crate) struct RowPlan {
     pub(crate) separator: u8,
     pub(crate) uses: Vec<ColumnUse>,
-    /// Requested as text; they may have another use as well.
+    /// Columns requested as text; they may have another use as well.
     pub(crate) labels: Vec<usize>,
     pub(crate) names: Vec<String>,
 }

@@ -17,7 +17,7 @@ use shell_data::dataset::{Dataset, LogRows};
 
 #[derive(Clone, Copy, Default)]
 pub struct ReadOptions<'a> {
-    /// 0 for one per core.
+    /// Number of threads for parsing; 0 for one per core.
     pub threads: usize,
     pub skip_bad_rows: bool,
     /// Largest accepted share of invalid rows when they are skipped; `None` for any.
@@ -46,7 +46,6 @@ impl Log {
     /// # Errors
     /// [`LogError`] if wanted columns are missing, the file cannot be read, has no rows, or has an invalid row
     /// (unless skipped); and errors of `fold`, which stop the reading. The first error in file order is returned.
-    /// file order is returned, for any number of threads.
     pub fn read<T: Send, E: From<LogError>>(
         &self,
         wanted: &Wanted,
@@ -118,7 +117,6 @@ pub fn read_all<S: Send, T: Send, E: From<LogError>>(
     let bytes_read = Arc::clone(&pieces.meter.bytes);
     let mut found = vec![ReadSummary::default(); logs.len()];
     let mut skipped_rows = vec![SkippedRows::default(); logs.len()];
-    // Number of logs that have been read and checked for rows.
     let mut checked = 0;
     let workers = pipeline::run(
         &mut pieces,
@@ -167,7 +165,6 @@ pub fn read_all<S: Send, T: Send, E: From<LogError>>(
     Ok((found, workers.into_iter().map(|(_, state)| state).collect()))
 }
 
-/// Checks that each of the logs that have been read has rows.
 fn check_rows(logs: &[&Log], found: &[ReadSummary]) -> Result<(), LogError> {
     let is_empty = |summary: &ReadSummary| summary.rows == 0 && summary.skipped_rows == 0;
     match logs.iter().zip(found).find(|(_, found)| is_empty(found)) {
@@ -209,6 +206,7 @@ fn check_skipped(
     Ok(())
 }
 
+/// The pieces of several logs as one sequence, so that no thread waits at the end of a log.
 struct PiecesOfLogs<'a> {
     logs: &'a [&'a Log],
     plans: &'a [ReadPlan],

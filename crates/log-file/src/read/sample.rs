@@ -80,7 +80,6 @@ impl Log {
         self.source.bytes.saturating_sub(self.layout.header.rows_start as u64)
     }
 
-    /// Reads lines from evenly spaced parts of the file.
     fn spread_lines(&self) -> Result<Vec<u8>, LogError> {
         let io = |error| self.source.error(error);
         let (mut lines, mut bytes) = (Vec::new(), Vec::new());

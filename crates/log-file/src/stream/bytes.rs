@@ -40,12 +40,10 @@ pub(crate) type ByteStream = Box<dyn Read + Send>;
 #[derive(Clone, Default)]
 pub(crate) struct ReadMeter {
     pub(crate) bytes: Arc<AtomicU64>,
-    /// The checksum of the current file, if requested.
     checksum: Option<Arc<Mutex<XxHash3_128>>>,
 }
 
 impl ReadMeter {
-    /// Starts another file.
     pub(crate) fn begin(&mut self, checksum: bool) {
         self.checksum = checksum.then(Arc::default);
     }

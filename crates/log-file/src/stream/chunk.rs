@@ -24,7 +24,6 @@ const CONTEXT_BYTES: usize = 1 << 12;
 
 #[derive(Debug, Default)]
 pub(crate) struct Chunk {
-    /// Position in the (uncompressed) file.
     pub(crate) offset: u64,
     /// Number of the first line in the file, from 1.
     pub(crate) line: u64,
@@ -48,7 +47,6 @@ impl Chunk {
 #[error("line {0} is too long")]
 pub(crate) struct LongLine(pub(crate) u64);
 
-/// A stream of bytes as a sequence of chunks.
 pub(crate) struct ChunkStream<R> {
     stream: R,
     chunk_bytes: usize,
@@ -82,7 +80,6 @@ impl<R: Read> ChunkStream<R> {
         }
     }
 
-    /// Returns true if the whole stream has been read.
     pub(crate) fn ended(&self) -> bool {
         self.ended
     }
@@ -164,7 +161,6 @@ impl<R: Read> ChunkStream<R> {
     }
 }
 
-/// Returns the position of the first blank line.
 fn blank_line(lines: &[u8]) -> Option<usize> {
     let mut at = 0;
     lines.split_inclusive(|&byte| byte == b'\n').find_map(|line| {

@@ -11,9 +11,9 @@ use crate::parse::number::parse_field;
 /// The number of units after which a 32-bit counter wraps around.
 pub(crate) const TURN: f64 = 4_294_967_296.0;
 
-/// The number of seconds after which the time of day begins again.
 const DAY: f64 = 86_400.0;
 
+/// Number of lines of a chunk that are searched for a time.
 const LINES: usize = 8;
 
 #[derive(Clone, Debug)]

@@ -6,6 +6,7 @@ use std::io::{self, BufRead, BufReader, Read};
 
 use super::text_stream::TextStream;
 
+/// The longest line, bytes.
 const LONGEST: u64 = 1 << 20;
 
 /// Bytes of text made at a time.
@@ -18,7 +19,6 @@ pub enum RowMismatch {
     /// The number of a line that only one file has.
     #[error("line {0} is in one of them alone")]
     Lines(u64),
-    /// The first lines have different separators.
     #[error("`{}` separates the columns of the one, `{}` those of the other", char::from(*.0), char::from(*.1))]
     Separators(u8, u8),
     /// One file begins with names, the other with numbers.
@@ -35,7 +35,6 @@ pub enum RowMismatch {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Sides {
     separator: u8,
-    /// True if the columns have names.
     pub(crate) has_names: bool,
     pub(crate) columns: [usize; 2],
 }
@@ -91,7 +90,6 @@ impl Sides {
     }
 }
 
-/// Returns the separator of a line, if it has several fields.
 pub(crate) fn separator(line: &[u8]) -> Option<u8> {
     // Commas come last, because they may be decimal.
     b";\t,".iter().copied().find(|separator| line.contains(separator))
@@ -104,7 +102,6 @@ fn is_number(field: &[u8], separator: u8) -> bool {
     text.parse::<f64>().is_ok()
 }
 
-/// Joins the text of two files.
 pub(crate) fn joined<R: Read>(files: [R; 2], sides: Sides) -> impl Read {
     let [mut first, mut second] = files.map(CompanionLines::new);
     let (mut are_names, mut line) = (sides.has_names, 0);

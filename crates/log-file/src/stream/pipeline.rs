@@ -22,7 +22,6 @@ use std::thread::ScopedJoinHandle;
 pub trait Pieces: Send {
     /// A piece, or memory that is reused for one.
     type Piece: Default + Send;
-    /// The reason why the next piece cannot be read.
     type Error: Send;
 
     /// Returns true if `next` will return no more pieces.
@@ -35,7 +34,6 @@ pub trait Pieces: Send {
     fn next(&mut self, piece: &mut Self::Piece) -> Result<bool, Self::Error>;
 }
 
-/// Yields the numbers of the range one by one.
 impl Pieces for Range<usize> {
     type Piece = usize;
     type Error = Infallible;

@@ -37,7 +37,6 @@ pub(crate) struct LogSource {
     _spool: Option<Arc<TempPath>>,
     /// A file whose columns follow those of this file, row by row.
     pub(crate) companion: Option<Arc<LogSource>>,
-    /// Properties of both files, from their first lines.
     pub(crate) sides: Sides,
 }
 
@@ -99,7 +98,6 @@ impl LogSource {
         Self { _spool: spool.map(Arc::new), ..Self::plain(path, file) }.recognise(part)
     }
 
-    /// Makes a source from a file in memory with the given name.
     pub(crate) fn in_memory(
         name: &Path,
         bytes: Arc<[u8]>,
@@ -114,7 +112,6 @@ impl LogSource {
         Self { path, bytes: 0, file, container, utf16: None, _spool: None, companion: None, sides }
     }
 
-    /// Recognises the container and encoding from the first bytes.
     fn recognise(mut self, part: Option<&str>) -> Result<Self, LogError> {
         self.bytes = self.file.length().map_err(|error| self.error(error))?;
         let start = self.start(self.open_file()?)?;
@@ -206,7 +203,6 @@ impl LogSource {
         Ok(head)
     }
 
-    /// Reads the first bytes of a stream.
     fn start(&self, stream: impl Read) -> Result<Vec<u8>, LogError> {
         let mut start = Vec::with_capacity(table_file::RECOGNISED_BYTES);
         let mut stream = stream.take(table_file::RECOGNISED_BYTES as u64);
@@ -218,7 +214,6 @@ impl LogSource {
         self.file.open().map_err(|error| self.error(error))
     }
 
-    /// Opens the text at its start.
     pub(crate) fn open(&self) -> Result<ByteStream, LogError> {
         self.open_counting(&ReadMeter::default())
     }
@@ -263,7 +258,6 @@ impl LogSource {
         Ok(())
     }
 
-    /// Returns true if the file and its companion are text.
     pub(crate) fn is_text(&self) -> bool {
         self.as_table().is_none()
             && self.companion.as_ref().is_none_or(|companion| companion.is_text())
@@ -276,7 +270,6 @@ impl LogSource {
             && self.companion.is_none()
     }
 
-    /// Returns the compression method, if the file is compressed.
     pub(crate) fn compression(&self) -> Option<&'static str> {
         match self.container {
             Container::Gzip => Some("gzip"),
@@ -292,7 +285,6 @@ impl LogSource {
         }
     }
 
-    /// Returns the table, if the file is one and has no companion.
     pub(crate) fn as_whole_table(&self) -> Option<&Table> {
         self.as_table().filter(|_| self.companion.is_none())
     }
@@ -320,14 +312,12 @@ impl LogSource {
         }
     }
 
-    /// Makes the error for rows that do not match the companion's.
     pub(crate) fn mismatch(&self, problem: RowMismatch) -> LogError {
         let companion = self.companion.as_ref().map(|companion| companion.path.clone());
         let companion = companion.unwrap_or_default();
         LogError::RowMismatch { path: self.path.clone(), companion, problem }
     }
 
-    /// Makes the error for a failed read of text.
     pub(crate) fn error(&self, source: impl Into<io::Error>) -> LogError {
         use io::ErrorKind::{InvalidData, InvalidInput, Other, UnexpectedEof};
         let path = self.path.clone();

@@ -196,7 +196,6 @@ fn times(column: &ColumnPart) -> Vec<f64> {
     }
 }
 
-/// Returns the last few rows of a part.
 fn last_rows(part: &TablePart) -> TablePart {
     let from = part.rows.saturating_sub(CONTEXT_ROWS);
     let rows_of = |rows: &[usize]| -> Vec<usize> {

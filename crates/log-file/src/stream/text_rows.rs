@@ -26,7 +26,6 @@ impl TextRows {
         Self { lines, line: Vec::new(), number: 0, separator: None }
     }
 
-    /// Returns the fields of the next row; `None` if there are no more.
     pub(crate) fn next(&mut self) -> io::Result<Option<Vec<String>>> {
         loop {
             self.line.clear();

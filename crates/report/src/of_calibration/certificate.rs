@@ -65,7 +65,7 @@ pub struct CheckedLoad {
     pub off: Axes,
     /// True if the weight is so light that an unloaded sensor would pass as well.
     pub cannot_tell: bool,
-    /// Degrees between the measured and the stated force, if their magnitudes agree and the limit
+    /// Angle in degrees between the measured and the stated force, if their magnitudes agree and the limit
     /// is exceeded.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub turned_deg: Option<f64>,
@@ -92,7 +92,7 @@ impl Certificate<'_> {
         })
     }
 
-    /// The 95 % quantile of Student's t (GUM, G.6.4), or 2 for infinite degrees of freedom.
+    /// Coverage factor: the 95 % quantile of Student's t (GUM, G.6.4), or 2 for infinite degrees of freedom.
     pub fn coverage(&self) -> PerAxis<f64> {
         self.degrees_of_freedom().map(|degrees| match degrees.is_finite() {
             true => student_quantile(LEVEL, degrees),

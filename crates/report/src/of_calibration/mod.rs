@@ -54,7 +54,6 @@ pub fn add_to_plot(plot: &mut FitPlot, calibration: &Calibration, data: &Dataset
     }
 }
 
-/// Predictions and measurements for figures of the training rows and, if any, the test rows.
 pub fn plots(fit: &Fit) -> (FitPlot, Option<FitPlot>) {
     let plot = |data| {
         let mut plot = FitPlot::default();
@@ -199,7 +198,6 @@ fn loads(excitation: &Excitation, axes: Axes) -> Vec<Column> {
     ]
 }
 
-/// The groups with the largest errors, and a collapsed list of all groups.
 fn by_group(rows: &[(&str, &GroupErrors)], axes: Axes) -> String {
     if rows.len() < 2 {
         return String::new();

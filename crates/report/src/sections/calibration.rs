@@ -8,7 +8,6 @@ pub(super) fn calibration((name, file): (&str, &CalibrationFile)) -> String {
     facts_table("The calibration", &facts(name, file)) + &errors_table(file) + &sources_table(file)
 }
 
-/// The identification of the calibration in a file `name`: names and values.
 pub(crate) fn facts(name: &str, file: &CalibrationFile) -> Vec<(&'static str, String)> {
     let CalibrationFile { calibration, origin } = file;
     let mut facts = vec![

@@ -198,7 +198,6 @@ impl RowSource for ParquetTable {
             }
         }
         let mut groups = 0..self.groups.len();
-        // State of the current row group.
         let (mut rows_left, mut readers): (u64, Vec<ColumnReader>) = (0, Vec::new());
         Ok(Box::new(move |rows, part| {
             while part.rows < rows {

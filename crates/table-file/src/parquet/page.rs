@@ -40,10 +40,8 @@ struct Page {
 enum PageValues {
     /// Consecutive values, and the position of the next one.
     Plain(Vec<u8>, usize),
-    /// Positions in the dictionary.
     Indices(Integers),
     Truths(Integers),
-    /// Delta-encoded integers.
     Deltas(Box<dyn Iterator<Item = i64> + Send>),
 }
 
@@ -421,7 +419,6 @@ impl PageValues {
     }
 }
 
-/// Reads exactly `count` integers; `None` if there are fewer.
 fn exactly(integers: &mut Integers, count: usize) -> Option<Vec<u64>> {
     let mut values = Vec::new();
     while values.len() < count {

@@ -13,11 +13,10 @@ pub(super) struct Leaf {
     pub(super) kind: LeafType,
     /// Definition level of a present value: the number of optional or repeated elements in the path.
     pub(super) levels: u8,
-    /// The list that contains the values.
     pub(super) list: Option<ListLeaf>,
 }
 
-/// Its elements become columns of a table.
+/// A list whose elements become columns of a table.
 #[derive(Clone, Debug)]
 pub(super) struct ListLeaf {
     name: String,
@@ -36,14 +35,12 @@ impl Leaf {
     }
 }
 
-/// The meaning and representation of a column's values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum LeafType {
     Number(Element),
     Text,
     /// A day and the nanoseconds in it, in 96 bits.
     DayAndTime,
-    /// A type that is not supported.
     Opaque(&'static str),
 }
 
@@ -65,7 +62,6 @@ impl LeafType {
     }
 }
 
-/// The maximum depth of the tree.
 const DEPTH: u8 = 32;
 
 const OPTIONAL: i64 = 1;

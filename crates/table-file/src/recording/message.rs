@@ -6,7 +6,6 @@ use crate::bytes::ByteReader;
 use crate::format::Cell;
 use crate::write::mcap::RECORD_TYPE;
 
-/// The encoding of a topic's messages.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum FieldKind {
     /// `geometry_msgs/Wrench` or `geometry_msgs/WrenchStamped`, in the encoding of ROS 2 (CDR) or ROS 1.
@@ -26,9 +25,7 @@ pub(super) struct Message {
     pub(super) columns: Vec<(String, Cell)>,
 }
 
-/// The reason why a message is not read.
 pub(super) enum Unread {
-    /// Its bytes contradict its type.
     Damaged(String),
     /// It is in an encoding that is not supported.
     Unsupported(String),
@@ -36,7 +33,6 @@ pub(super) enum Unread {
 
 const AXES: [&str; 6] = ["Fx", "Fy", "Fz", "Mx", "My", "Mz"];
 
-/// Maximum nesting of JSON.
 const DEPTH: usize = 8;
 
 impl FieldKind {

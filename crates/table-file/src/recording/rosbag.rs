@@ -77,7 +77,6 @@ impl Bag {
         Ok(ByteReader::new(&length).u32().map_or(0, u64::from))
     }
 
-    /// Returns true if the recorder did not write the index at the end.
     fn is_unfinished(&self) -> bool {
         self.index_at == 0 || self.index_at > self.length
     }
