@@ -110,8 +110,7 @@ fn is_saturated(dark: u32, lit: u32, conversions: u8) -> bool {
     dark.max(lit) >= u32::from(FULL_SCALE - CLIPPED_STEPS) * u32::from(conversions) || lit == 0
 }
 
-/// Lights one emitter and measures each channel's rise, in steps; emitters are off before and
-/// after.
+/// Lights one emitter and measures each channel's rise, in steps. Begins and ends with all off.
 pub async fn illuminate<F: FrontEnd>(
     front_end: &mut F,
     settings: &Settings,

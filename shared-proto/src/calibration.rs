@@ -8,8 +8,7 @@ use crate::{AXES, CHANNELS};
 use core::ops::RangeInclusive;
 use crc::{CRC_32_ISO_HDLC, Crc};
 
-/// Returns the CRC-32 (ISO-HDLC, as in zip and PNG), without a table, which would take 1 KiB of
-/// flash.
+/// Returns the CRC-32 (ISO-HDLC, as in zip and PNG). A table would take 1 KiB of flash.
 pub fn crc32(bytes: &[u8]) -> u32 {
     Crc::<u32, crc::NoTable>::new(&CRC_32_ISO_HDLC).checksum(bytes)
 }

@@ -10,8 +10,7 @@ use crc::{CRC_16_M17, Crc};
 /// Version of the protocol: the upper four bits of every header.
 pub const VERSION: u8 = 3;
 
-/// The previous version, still read. Like version 1, it names no origin, and its CRC excludes the
-/// mask.
+/// The previous version, still read. Like version 1, it has no origin and no mask in its CRC.
 const VERSION_2: u8 = 2;
 
 /// Steps of a reading per step of the board's 12-bit converter: means with four fractional bits, so
@@ -19,8 +18,8 @@ const VERSION_2: u8 = 2;
 pub const COUNTS_PER_LSB: u16 = 16;
 
 /// CRC-16/M17, polynomial 0x5935: detects every error of up to four bits in up to 241 bits of
-/// content (P. Koopman, "Best CRC Polynomials", 16 bits, HD=5); readings have 240. 0x1021 detects
-/// three.
+/// content (P. Koopman, "Best CRC Polynomials", 16 bits, HD=5); a packet of readings has 240.
+/// 0x1021 detects three.
 static CRC: Crc<u16> = Crc::<u16>::new(&CRC_16_M17);
 
 /// Kinds of packet, the header's lower four bits. Unused values would make the header an escaped

@@ -16,8 +16,7 @@ pub(super) fn add(document: &str) -> String {
     format!("{content}{}", seal(content.as_bytes()))
 }
 
-/// Checks the checksum. Windows line ends, which version control may introduce, are read as line
-/// feeds.
+/// Checks the checksum. Windows line ends, as from version control, are read as line feeds.
 ///
 /// # Errors
 /// The reason, if the document is not as written.

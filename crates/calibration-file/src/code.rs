@@ -2,8 +2,8 @@
 //!
 //! Constants and a fixed body (`assets/export`) compute the same as
 //! [`Calibration::wrench`](calibration::Calibration::wrench): polynomials on standardised readings,
-//! in the order of [`Model::terms`](calibration::Model::terms). Memory terms need the times of
-//! frames and a state that the caller passes on.
+//! in the order of [`Model::terms`](calibration::Model::terms). Memory terms need the times of the
+//! frames and a state that the caller passes from call to call.
 
 use calibration::memory::{MemoryTerms, TimeBase};
 use calibration::model::Term;

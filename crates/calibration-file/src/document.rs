@@ -246,6 +246,7 @@ struct PhysicsDocument {
     lag: Option<ReferenceLag>,
 }
 
+/// The scale of standard errors in a document that has none.
 fn as_they_are() -> PerAxis<f64> {
     [1.0; 6]
 }

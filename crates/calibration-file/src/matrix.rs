@@ -271,6 +271,7 @@ fn number(text: &str) -> Option<f64> {
     text.parse().ok().filter(|value: &f64| value.is_finite())
 }
 
+/// The divisor that converts moments to N·m.
 pub(super) fn divisor(unit: MomentUnit) -> f64 {
     match unit {
         MomentUnit::NewtonMetre => 1.0,

@@ -18,6 +18,7 @@ pub struct BoardObservations<'a> {
     pub protocol: Protocol,
     /// Expected calibration, and the label in it.
     pub calibration: Option<(&'a Calibration, Option<&'a str>)>,
+    /// The firmware version that comes with this program.
     pub firmware: [u8; 3],
 }
 

@@ -53,6 +53,7 @@ impl LabelledRows {
         }
     }
 
+    /// Returns at most one jump for each run of a label.
     pub(crate) fn jumps(&self) -> Vec<PoseJump> {
         let loads = ranges(self.runs.iter().map(|(_, rows)| &rows.wrench));
         let readings = ranges(self.runs.iter().map(|(_, rows)| &rows.readings));

@@ -49,8 +49,8 @@ pub(super) struct Tick {
 }
 
 impl PlotAxis {
-    /// Corrects a range that cannot be drawn: swaps reversed ends, widens an empty range, and replaces one that is
-    /// not finite or, on a logarithmic axis, not positive.
+    /// An axis over `low..=high`. Swaps reversed ends, widens an empty range, and replaces one that is not finite
+    /// or, on a logarithmic axis, not positive.
     pub fn new(quantity: &str, unit: &str, spacing: Spacing, low: f64, high: f64) -> Self {
         let (low, high) = (low.min(high), high.max(low));
         // A range too short for ticks, or with a NaN end, shows only its lower end.
@@ -90,6 +90,7 @@ impl PlotAxis {
         self
     }
 
+    /// The position of a value, 0 at the lower end and 1 at the upper.
     pub(super) fn position(&self, value: f64) -> f64 {
         let ValueRange { low, high } = self.range;
         match self.spacing {

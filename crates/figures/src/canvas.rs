@@ -1,8 +1,8 @@
 //! Canvas of figures: a few basic shapes in drawing order, in CSS pixels, y down.
 //!
 //! Widths and letter sizes for print follow Nature (research-figure-guide.nature.com, "Building and
-//! exporting figure panels": 89 and 183 mm, text from 5 to 7 pt), as most journals do. A figure for
-//! print is laid out again: scaled down, its letters would be too small.
+//! exporting figure panels": 89 and 183 mm, text from 5 to 7 pt), which suits most journals. A
+//! figure for print is laid out again: scaled down, its letters would be too small.
 
 use super::palette::Colour;
 
@@ -30,6 +30,7 @@ pub struct Figure {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Size {
+    /// A width that suits the content, in CSS pixels.
     #[default]
     Screen,
     Single,

@@ -46,7 +46,7 @@ impl ColourScale {
     }
 }
 
-/// Doublings of cells after which neighbours still touch: some twice as many cells per axis as the
+/// Doublings of cells after which neighbours still touch: about twice as many cells per axis as the
 /// square root of the number of points, and no smaller than a pixel.
 pub(super) fn doublings<const X: usize, const Y: usize>(
     histogram: &Histogram2d<X, Y>,
@@ -168,8 +168,7 @@ mod tests {
     use super::super::histogram::Histogram2d;
     use super::*;
 
-    /// Loads 0, 1, … N with this scatter of the reference, and predictions with known bias and
-    /// spread.
+    /// Loads 0, 1, … N with this scatter, and predictions with known bias and spread.
     fn cells(loads: u32, scatter: f64) -> Vec<HistogramCell> {
         let mut histogram = Histogram2d::<256, 256>::default();
         for load in 0..loads {

@@ -9,6 +9,7 @@ use super::axes::ValueRange;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Bins {
+    /// Bins are 2^exponent wide.
     pub(super) exponent: i32,
     pub(super) first: i64,
     pub(super) count: usize,

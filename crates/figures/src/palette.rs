@@ -14,8 +14,7 @@ impl Colour {
     }
 }
 
-/// Palette of Okabe and Ito ("Color Universal Design", 2008), without its yellow, too pale on
-/// white.
+/// Palette of Okabe and Ito ("Color Universal Design", 2008) without yellow, too pale on white.
 const SERIES: [u32; 7] = [0x0072b2, 0xd55e00, 0x009e73, 0xcc79a7, 0xe69f00, 0x56b4e9, 0x000000];
 
 /// The colour of a series by its number; colours repeat after the last.

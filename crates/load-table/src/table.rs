@@ -18,6 +18,7 @@ pub struct HungLoads {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("line {line}{}: {message}", column.as_ref().map_or_else(String::new, |name| format!(", column `{name}`")))]
 pub struct HungLoadError {
+    /// Line number, from 1.
     pub line: usize,
     pub column: Option<String>,
     pub message: String,

@@ -110,10 +110,10 @@ impl ColumnSummary {
         self.rows > 1 && self.min == self.max
     }
 
-    /// Returns true if the column is clipped at its largest value, at any level. At least one row in a hundred and
-    /// twenty rows have that value, three times as many as the second largest, and the column reaches it three times.
-    /// This excludes a signal that only turns around or rests there in one pose. A column with [few
-    /// values](Self::quiet_values) is quiet, not clipped.
+    /// Returns true if the column is clipped at its largest value, at any level: at least one row in a hundred and
+    /// at least twenty rows have that value, three times as many as the second largest, and the column reaches it at
+    /// least three times. A signal that only turns around or rests there in one pose is not clipped, nor is a column
+    /// with [few values](Self::quiet_values), which is quiet.
     pub fn is_pinned_at_max(&self) -> bool {
         let often = self.rows_at_max >= 20 && self.rows_at_max >= self.rows / 100;
         let returns = self.rises_to_max >= RISES && self.rows_at_max >= 3 * self.rows_below_max;
@@ -205,8 +205,8 @@ impl LogTiming {
         Some(self.end_s? - self.start_s?)
     }
 
-    /// Returns the median interval in s, at most the longest. Resolution: 1 µs up to 65 ms, 3 × 10⁻⁵ of the value
-    /// above.
+    /// Returns the median interval in s, at most the longest. The resolution is 1 µs up to 65 ms, and a
+    /// relative 3 × 10⁻⁵ above.
     pub fn median_interval_s(&self) -> Option<f64> {
         let longest = self.longest.map_or(f64::INFINITY, |longest| longest.length_s);
         Some((self.intervals.median()? * 1e-6).min(longest))

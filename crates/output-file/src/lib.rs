@@ -4,8 +4,8 @@
 //! file appears whole or not at all: a temporary file in the same folder ([`AtomicFile`]) replaces
 //! the target by a rename. It is not synced first: a result can be made again from its logs, and a
 //! sync takes longer than a fit. It is made when the output is opened, to report an unwritable path
-//! before the work. A replaced file keeps its permissions and symbolic links. Devices and pipes are
-//! written directly.
+//! before the work. A replaced file keeps its permissions and the symbolic links to it. Devices and
+//! pipes are written directly.
 
 #![allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "writes files")]
 

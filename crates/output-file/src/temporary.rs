@@ -20,8 +20,8 @@ pub fn before_unfinished(prepare: fn()) {
     *lock(&BEFORE) = Some(prepare);
 }
 
-/// Removes temporary files when a signal ends the program; afterwards, opening or finishing an
-/// output blocks.
+/// Removes the temporary files of unfinished outputs when a signal ends the program: afterwards,
+/// opening or finishing an output blocks forever.
 pub fn remove_unfinished() {
     let unfinished = lock(&UNFINISHED);
     for path in unfinished.iter() {

@@ -12,6 +12,7 @@ use figures::trial::{Passage, smoothed, stride_s};
 use trial::{ConditionRow, Per, PhaseForce, PhaseProfile, Quantity, Trace, TrialResult};
 
 pub(super) struct Plots {
+    /// At most one.
     pub(super) effects: Vec<Plot>,
     pub(super) boxes: Vec<Plot>,
     pub(super) phases: Vec<Plot>,

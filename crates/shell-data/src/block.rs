@@ -5,6 +5,7 @@
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FrameLabel {
     pub from: i64,
+    /// The index of the last frame.
     pub until: i64,
     pub group: String,
 }

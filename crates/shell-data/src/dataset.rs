@@ -19,6 +19,7 @@ pub const BLOCK_ROWS: usize = 4096;
 const SAMPLE_ROWS: usize = 1024;
 const SAMPLE_PARTS: usize = 16;
 
+/// Labels in row order, each with the number of its rows.
 pub type LabelRuns = Vec<(String, usize)>;
 
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

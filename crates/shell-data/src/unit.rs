@@ -28,6 +28,7 @@ impl Quantity {
         if axis.is_moment() { Self::Moment } else { Self::Force }
     }
 
+    /// Returns examples of accepted units.
     pub const fn understood(self) -> &'static str {
         match self {
             Self::Force => "N, mN, kN, lbf, ozf, gf, kgf, dyn",

@@ -104,6 +104,7 @@ pub enum Cells<'a> {
     Text(Cow<'a, [String]>),
     /// Numbers, possibly with missing values.
     Number(Cow<'a, [Option<f64>]>),
+    /// Numbers, none missing.
     Full(Cow<'a, [f64]>),
     /// Counts, possibly with missing values.
     Count(Cow<'a, [Option<u64>]>),

@@ -10,6 +10,7 @@ use crate::kind::{FileKind, TableError};
 
 const KIND: FileKind = FileKind::Sqlite;
 
+/// Maximum size of a row, bytes.
 const ROW: u64 = 16 << 20;
 
 /// Length of the header of the file, which precedes the content of the first page.
@@ -29,6 +30,7 @@ pub(crate) struct Database {
 
 pub(crate) struct DatabaseTable {
     pub(crate) name: String,
+    /// Number of the table's first page.
     pub(crate) root: u32,
 }
 

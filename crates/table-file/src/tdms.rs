@@ -146,6 +146,7 @@ struct Reader {
     at: u64,
     channels: Vec<Channel>,
     places: HashMap<String, usize>,
+    /// Objects with values in the current segment.
     active: Vec<usize>,
     indexes: Vec<Index>,
     /// Length of a row in each buffer of the cards.

@@ -37,8 +37,8 @@ pub struct PartialGroup {
 }
 
 impl PartialGroups {
-    /// Takes `sums`, assigned to random folds by `split`; `first_in` has, for each group, the index
-    /// of the source with its first row.
+    /// Makes groups from `sums`, assigned to random folds by `split`; `first_in` has, for each
+    /// group, the index of the source with its first row.
     pub fn exact(by: GroupKind, split: RandomSplit, sums: SumsByGroup, first_in: &[usize]) -> Self {
         let SumsByGroup { groups, random, .. } = sums;
         let groups = groups.into_iter().map(|(label, moments)| (label, Sums::Exact(moments)));

@@ -271,8 +271,7 @@ mod tests {
         }
     }
 
-    /// Asserts a paper's requirements: width, letters of 5 to 7 pt, no text cut off or over
-    /// another.
+    /// Asserts the width, letters of 5 to 7 pt, and no text cut off or over another.
     fn assert_printable(figure: &Figure, size: Size, width_mm: f64) {
         let svg = figure.svg();
         assert!(svg.contains(&format!("width=\"{width_mm}mm\"")), "{}", &svg[..200]);

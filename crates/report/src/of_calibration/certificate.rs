@@ -19,6 +19,7 @@ const LEVEL: f64 = 0.95;
 /// The coverage factor if no degrees of freedom are known: 95 % of normal errors.
 const COVERAGE: f64 = 2.0;
 
+/// The content of a certificate, N and N·m.
 #[derive(Clone, Debug)]
 pub struct Certificate<'a> {
     pub heading: Heading<'a>,
@@ -65,8 +66,8 @@ pub struct CheckedLoad {
     pub off: Axes,
     /// True if the weight is so light that an unloaded sensor would pass as well.
     pub cannot_tell: bool,
-    /// Angle in degrees between the measured and the stated force, if their magnitudes agree and the limit
-    /// is exceeded.
+    /// The angle between the measured and the stated force, degrees, if their magnitudes agree and
+    /// the angle exceeds the limit.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub turned_deg: Option<f64>,
 }
@@ -92,7 +93,7 @@ impl Certificate<'_> {
         })
     }
 
-    /// Coverage factor: the 95 % quantile of Student's t (GUM, G.6.4), or 2 for infinite degrees of freedom.
+    /// Coverage factors: the 95 % quantiles of Student's t (GUM, G.6.4), or 2 for infinite degrees.
     pub fn coverage(&self) -> PerAxis<f64> {
         self.degrees_of_freedom().map(|degrees| match degrees.is_finite() {
             true => student_quantile(LEVEL, degrees),

@@ -12,6 +12,7 @@ const POOR_CONDITION: f64 = 10.0;
 /// The share of test rows outside the range of the training data above which it is reported.
 const MUCH_OUTSIDE: f64 = 0.05;
 
+/// The limits as sentences, the most important first.
 pub(super) fn limits(report: &CalibrationReport<'_>) -> Vec<String> {
     let mut limits = Vec::new();
     let (fit, axes) = (report.fit, report.file.calibration.axes);

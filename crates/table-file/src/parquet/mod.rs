@@ -137,6 +137,7 @@ fn row_group(
         let data = chunk.field(3).ok_or_else(wrong)?;
         let position = |number| data.whole(number).and_then(|at| u64::try_from(at).ok());
         let (first, bytes) = (position(9).ok_or_else(wrong)?, position(7).ok_or_else(wrong)?);
+        // The dictionary, if present, comes first.
         let at = position(11).filter(|&at| at > 0).map_or(first, |at| at.min(first));
         let beyond = || KIND.damaged(format!("column `{}` lies beyond its end", leaf.name));
         let end = at.checked_add(bytes).filter(|&end| end <= length).ok_or_else(beyond)?;
