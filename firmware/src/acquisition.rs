@@ -1,8 +1,8 @@
 //! Acquisition of one frame (ambient and lit light of every channel), and the schedule of frames.
 //!
-//! Ambient light adds to the emitter's, so each channel is converted with its emitter off, on and
-//! off again. The reading is the lit mean minus the mean of both dark values: linear drift cancels,
-//! and ambient light of amplitude A that flickers at frequency f leaves at most this error:
+//! Each channel is converted with its emitter off, on and off again. The reading is the lit mean
+//! minus the mean of both dark values: linear drift of ambient light cancels, and ambient light of
+//! amplitude A that flickers at frequency f leaves at most this error:
 //!
 //! ```text
 //! A · (1 − cos 2πfΔ)    Δ = settling + conversions of one mean
@@ -33,7 +33,7 @@ pub struct Settings {
     pub period_us: u32,
     /// Conversions averaged for each lit and each dark value.
     pub conversions: u8,
-    /// Time from switching an emitter to converting.
+    /// Time from switching an emitter to converting, µs.
     pub settling_us: u16,
 }
 
@@ -110,8 +110,7 @@ fn is_saturated(dark: u32, lit: u32, conversions: u8) -> bool {
     dark.max(lit) >= u32::from(FULL_SCALE - CLIPPED_STEPS) * u32::from(conversions) || lit == 0
 }
 
-/// Lights one emitter and measures each channel's rise, in steps. Emitters are off before and
-/// after.
+/// Lights one emitter and measures each channel's rise, in steps. Begins and ends with all off.
 pub async fn illuminate<F: FrontEnd>(
     front_end: &mut F,
     settings: &Settings,

@@ -9,7 +9,7 @@
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Baud {
-    /// The nominal rate, to which the other end is set.
+    /// The nominal rate, set at the other end.
     pub name: u32,
     pub divider: u16,
     pub actual: u32,
@@ -30,10 +30,8 @@ impl Baud {
     }
 }
 
-/// Rates with a clock of 80 MHz.
-///
-/// 57,600 lies between the rates that the other end may have: 57,600, and 58,824, which an XBee
-/// derives for it from its 16 MHz clock.
+/// Rates with a clock of 80 MHz. 57,600 lies between those that the other end may have: 57,600, and
+/// 58,824, which an XBee derives for it from its 16 MHz clock.
 pub const RATES: [Baud; 9] = [
     Baud::near(CLOCK_HZ, 9_600, 9_600),
     Baud::near(CLOCK_HZ, 19_200, 19_200),
@@ -57,7 +55,6 @@ mod tests {
 
     use super::*;
 
-    /// Checks the table in docs/nucleo.md.
     #[test]
     fn rates_equal_those_of_the_documentation() {
         let docs = include_str!("../../docs/nucleo.md");

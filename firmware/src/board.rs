@@ -43,8 +43,6 @@ pub trait Storage {
     /// Reads the stored record, or arbitrary bytes before the first.
     fn load(&mut self, record: &mut Record);
 
-    /// Replaces the stored record.
-    ///
     /// # Errors
     /// [`StorageError`] if the memory does not hold the record afterwards.
     fn store(&mut self, record: &Record) -> Result<(), StorageError>;

@@ -1,4 +1,4 @@
-//! State of the board without any waiting: effects of commands, and samples from frames.
+//! State of the board without waiting: effects of commands, and samples from frames.
 
 use crate::acquisition::{Frame, Schedule, Settings};
 use crate::board::{Storage, VITALS_US};
@@ -49,7 +49,7 @@ pub(crate) enum OnLine {
 }
 
 impl<'a> Core<'a> {
-    /// Creates the state after a reset, with its report in the outbox. `record` holds uploads.
+    /// Creates the state after a reset, with its report queued. `record` holds uploads.
     pub(crate) fn new(setup: BoardSetup, record: &'a mut Record) -> Self {
         let BoardSetup { identity, start, reset_cause: cause, .. } = setup;
         let mut outbox = Outbox::new(PacketOrigin { board: identity.id().short(), start });
@@ -86,8 +86,8 @@ impl<'a> Core<'a> {
         (self.settings, self.setup.conversion_ns)
     }
 
-    /// Returns `None` if the frame just taken needs no health report; otherwise true if there is
-    /// time to measure before the next frame.
+    /// Returns `None` if the last frame needs no health report; otherwise true if there is time to
+    /// measure before the next frame.
     pub(crate) fn health_due(&mut self, now_us: u64) -> Option<bool> {
         let is_described = self.described == Some(self.settings);
         if is_described && now_us < self.health_at_us {

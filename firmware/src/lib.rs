@@ -1,8 +1,8 @@
 //! The behaviour of the SkinProc board, independent of the hardware that it runs on.
 //!
 //! At every slot of a schedule, [`acquisition`] reads the eight channels through a [`FrontEnd`].
-//! The core turns the frame into a sample, on request through the [`Converter`], executes commands,
-//! and puts samples and answers into the outbox. [`Station`] has the tasks.
+//! The core turns frames into samples, on request through the [`Converter`], executes commands, and
+//! puts samples and answers into the outbox. [`Station`] has the tasks.
 //!
 //! A board is a binary with the traits of [`board`]. There is no heap, and every queue is bounded.
 #![no_std]
@@ -34,7 +34,6 @@ pub use station::Station;
 pub use upload::{RECORD, Record};
 pub use wrench::Converter;
 
-/// Version of the firmware: major, minor, patch.
 pub const VERSION: [u8; 3] = [
     part(env!("CARGO_PKG_VERSION_MAJOR")),
     part(env!("CARGO_PKG_VERSION_MINOR")),

@@ -53,9 +53,8 @@ coded! {
     }
 }
 
-/// A board's name in commands: the CRC-32 of its serial number.
-///
-/// Two given boards share a name with a probability of one in four thousand million.
+/// A board's name in commands: the CRC-32 of its serial number. Two given boards share a name with
+/// a probability of one in four thousand million.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct BoardId(u32);
 

@@ -8,8 +8,7 @@ use crate::{AXES, CHANNELS};
 use core::ops::RangeInclusive;
 use crc::{CRC_32_ISO_HDLC, Crc};
 
-/// Returns the CRC-32 of a calibration's bytes (ISO-HDLC, as in zip and PNG), without a table,
-/// which would take 1 KiB of flash.
+/// Returns the CRC-32 (ISO-HDLC, as in zip and PNG). A table would take 1 KiB of flash.
 pub fn crc32(bytes: &[u8]) -> u32 {
     Crc::<u32, crc::NoTable>::new(&CRC_32_ISO_HDLC).checksum(bytes)
 }
@@ -82,10 +81,8 @@ pub type CalibrationBytes = Bytes<{ Calibration::MAX_SIZE }>;
 /// Features of the cubic model: z, z², z³ of each channel, channel by channel.
 pub const FEATURES: usize = 3 * CHANNELS;
 
-/// A model of powers of the readings.
-///
-/// Every reading r becomes `z = (r - centre) · scale`. The wrench is the sum of z, z², z³ of each
-/// channel times their coefficients, plus the intercept.
+/// A model of powers of the readings. A reading r becomes `z = (r - centre) · scale`. The wrench is
+/// the sum of z, z², z³ of each channel times their coefficients, plus the intercept.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cubic {
     /// Centre of each channel, in counts of a sample's readings.
@@ -121,7 +118,7 @@ const PARAMETERS: usize = AXES + 4;
 /// Numbers in the lower triangle of a factor of the parameters' covariance.
 pub const FACTOR: usize = PARAMETERS * (PARAMETERS + 1) / 2;
 
-/// A model of the sensors' response curves.
+/// Response curves of the sensors.
 ///
 /// A sensor's scaled reading `y = (r − least) · per_count` is `low + height·σ(offset +
 /// gains·x)^shape` with `σ(q) = 1/(1 + e⁻ᵠ)` and `x` the wrench in units of `wrench_scale`. The
@@ -168,8 +165,8 @@ impl Physics {
 
     const SIZE: usize = 4 + 4 * (AXES + PRIOR + 2 + CHANNELS * PhysicsSensor::NUMBERS);
 
-    /// Returns true if the numbers are in these ranges, far wider than any sensor needs, in which
-    /// the board's computation is finite in single precision.
+    /// Returns true in these ranges, far wider than any sensor needs, in which the board's
+    /// computation is finite in single precision.
     fn is_usable(&self) -> bool {
         let all = |numbers: &[f32], range: RangeInclusive<f32>| {
             numbers.iter().all(|number| range.contains(number))

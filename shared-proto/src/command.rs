@@ -43,8 +43,7 @@ coded! {
         LastWords { offset: u16 } = 0x0D,
         /// Lights one emitter, from 0, and requests its effect on channels: [`Answer::SelfTest`].
         SelfTest { emitter: u8 } = 0x10,
-        /// Sets a nominal baud rate after the answer. The board returns to the previous rate if it
-        /// hears nothing valid at the new one.
+        /// Sets a nominal baud rate after the answer; reverts it if nothing valid is heard.
         SetBaud { baud: u32 } = 0x11,
         /// Starts the chip's bootloader after the answer.
         Bootloader = 0x12,

@@ -49,12 +49,12 @@ pub struct Counters {
     pub unknown_kind: u64,
 }
 
-/// Decodes bytes to packets and counts damage, which never affects other frames: even after a
-/// damaged delimiter, the next frame is found.
+/// Decodes bytes to packets and counts damage, which never affects other frames, even after a
+/// damaged delimiter.
 #[derive(Clone, Debug)]
 pub struct Decoder {
     deframer: Option<Deframer>,
-    /// An incomplete frame, or as much of its tail as a frame can have.
+    /// An incomplete frame, or the longest tail that can be one.
     partial: Bytes<{ 2 * MAX_FRAME }>,
     /// True after the first delimiter; bytes before it belong to an earlier frame.
     synchronised: bool,
@@ -98,8 +98,7 @@ impl Decoder {
         self.keep(bytes);
     }
 
-    /// Appends to the partial frame. If that is too long, only its end is kept: a frame may be in
-    /// it.
+    /// Appends to the partial frame. If it is too long, only its end is kept: a frame may be in it.
     fn keep(&mut self, bytes: &[u8]) {
         if !self.partial.try_extend(bytes) {
             let tail = &bytes[bytes.len().saturating_sub(MAX_FRAME)..];
@@ -187,8 +186,8 @@ impl Protocol {
 
 /// Returns the protocol that fits `bytes` best, `None` without a frame; a second is plenty.
 ///
-/// Frames inside API frames look like COBS with damage in between, so damage counts against frames.
-/// In a tie the simpler protocol wins, since there may be no escapes yet.
+/// Frames inside API frames look like COBS with damage between them, so damage counts against
+/// frames. In a tie the simpler protocol wins, since there may be no escapes yet.
 pub fn detect(bytes: &[u8]) -> Option<Protocol> {
     let protocols = Framing::ALL.into_iter().map(Protocol::Packets).chain([Protocol::Original]);
     protocols

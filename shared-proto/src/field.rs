@@ -152,8 +152,8 @@ macro_rules! fields {
     };
 }
 
-/// Defines an enum that is a field: the variant's code, a byte, and its fields in this order. An
-/// unknown code becomes the last variant, so that newer packets can be read in part.
+/// Defines an enum that is a field: the variant's code, a byte, and its fields in order. An unknown
+/// code becomes the last variant, so that newer packets can be read in part.
 macro_rules! coded {
     ($(#[$of_enum:meta])* pub enum $name:ident {
         $($(#[$of_variant:meta])* $variant:ident $(($value:ident: $type:ty))?

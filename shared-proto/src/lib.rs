@@ -1,9 +1,8 @@
 //! The wire protocol between the SkinProc board and `shellcal`, used by both ends.
 //!
-//! A [`Packet`] travels as a [`Frame`]: COBS with a zero delimiter. Over a transparent XBee the
-//! frames are the byte stream; in API mode they are the data of [`xbee`] frames. A [`Decoder`]
-//! turns bytes back into packets and counts damage. The README has the layout byte by byte;
-//! `tests/it/golden.rs` pins it.
+//! A [`Packet`] travels as a [`Frame`]: COBS with a zero delimiter. Over a transparent XBee the frames are the byte
+//! stream; in API mode they are the data of [`xbee`] frames. A [`Decoder`] turns bytes back into packets and counts
+//! damage. The README has the layout byte by byte; `tests/it/golden.rs` pins it.
 //!
 //! ```
 //! use shared_proto::{Decoder, Event, Framing, PacketOrigin, Packet, ReceivedPacket, Sample, Values};
@@ -27,8 +26,8 @@
 //! assert_eq!(packets, [Event::Packet(received)]);
 //! ```
 //!
-//! The crate does no input or output, allocates nothing and never panics on its input. The byte
-//! protocol of the original SkinProc board is in [`skinproc`].
+//! The crate does no input or output, allocates nothing and never panics on its input. [`skinproc`] has the byte
+//! protocol of the original SkinProc board.
 #![no_std]
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]

@@ -10,8 +10,7 @@ use crc::{CRC_16_M17, Crc};
 /// Version of the protocol: the upper four bits of every header.
 pub const VERSION: u8 = 3;
 
-/// The previous version, still read. Like version 1, its packets do not name their origin, and
-/// their CRC does not cover the mask.
+/// The previous version, still read. Like version 1, it has no origin and no mask in its CRC.
 const VERSION_2: u8 = 2;
 
 /// Steps of a reading per step of the board's 12-bit converter: means with four fractional bits, so
@@ -23,8 +22,8 @@ pub const COUNTS_PER_LSB: u16 = 16;
 /// 0x1021 detects three.
 static CRC: Crc<u16> = Crc::<u16>::new(&CRC_16_M17);
 
-/// Kinds of packet, the lower four bits of the header. Unused values would make the header an
-/// escaped byte in versions 1 and 7, and always need a mask.
+/// Kinds of packet, the header's lower four bits. Unused values would make the header an escaped
+/// byte in versions 1 and 7, and always need a mask.
 const SAMPLE_READINGS: u8 = 0x4;
 const SAMPLE_WRENCH: u8 = 0x5;
 const HEALTH: u8 = 0x6;
@@ -96,8 +95,8 @@ pub enum Values {
 /// A rising edge at the board's sync input, by which another recorder's clock can be compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Edge {
-    /// Edges since the board's reset, including those not sent; wraps. A gap means edges that came
-    /// faster than the line can carry, or were lost.
+    /// Edges since the reset, including those not sent; wraps. A gap means edges that were lost or
+    /// came faster than the line can carry.
     pub number: u16,
     /// The board's clock at the edge, in µs, as in samples.
     pub clock_us: u32,
@@ -114,11 +113,11 @@ pub struct Boot {
     pub cause: ResetCause,
 }
 
-/// Length of a sample of readings on the wire, in bytes: mask, header, sequence number, origin,
-/// clock, readings, saturation, dropped and CRC, plus a COBS code and the delimiter.
+/// Length in bytes of a sample of readings: mask, header, sequence number, origin, clock, readings,
+/// saturation, dropped and CRC, plus a COBS code and the delimiter.
 pub const READINGS_FRAME: usize = 16 + 2 * CHANNELS + 2;
 
-/// Length of a sample with a wrench on the wire, in bytes.
+/// Length in bytes of a sample with a wrench.
 pub const WRENCH_FRAME: usize = 16 + 4 * AXES + 2;
 
 impl Packet {
@@ -238,14 +237,13 @@ impl Sample {
     }
 }
 
-/// Times of a frame's readings, relative to the time of its sample.
-///
-/// Channels are read one after the other, at the middle of their lit conversions.
+/// Times of a frame's readings, relative to its sample's. Channels are read one after the other, at
+/// the middle of their lit conversions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Timing {
-    /// From the start of the frame to the first channel's reading, in µs.
+    /// Time from the start of the frame to the first channel's reading, µs.
     pub first_us: u16,
-    /// From one channel's reading to the next, in µs.
+    /// Time from one channel's reading to the next, µs.
     pub step_us: u16,
 }
 

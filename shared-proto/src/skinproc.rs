@@ -3,7 +3,7 @@
 //! An answer is the letter of its mode, a payload length (255: more follows) and the payload. A
 //! scan is `E`, 20, eight little-endian 16-bit readings of a 12-bit converter and the time in µs,
 //! 32 bits, little-endian. Without delimiter, sequence number and checksum, a decoder can only
-//! check letter and length, the twelve bits of readings, and that another answer follows.
+//! check letter, length, the readings' twelve bits, and that another answer follows.
 
 use crate::CHANNELS;
 use crate::field::{Bytes, Reader};
@@ -48,10 +48,9 @@ pub fn decode_scan(payload: &[u8]) -> Option<Scan> {
     rest.end(Scan { readings, clock_us }).filter(|_| is_scan)
 }
 
-/// Decodes a byte stream to scans, and skips other answers.
-///
-/// A scan is emitted when its clock follows the previous one, or when the next byte begins another
-/// answer: without a checksum, a lost byte only shows in the bytes after it.
+/// Decodes a byte stream to scans, and skips other answers. A scan is emitted when its clock
+/// follows the previous one, or when the next byte begins another answer: without a checksum, a
+/// lost byte only shows in the bytes after it.
 #[derive(Clone, Debug, Default)]
 pub struct Decoder {
     /// A scan and the byte after it.

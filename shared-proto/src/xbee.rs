@@ -1,10 +1,10 @@
 //! API frames of an XBee, which a base station in API mode sends and receives.
 //!
-//! A frame is 0x7E, a big-endian length, that many bytes of data and a checksum that makes the sum of data
-//! and checksum 0xFF. With escapes (AP=2), the bytes 0x7E, 0x7D, 0x11 and 0x13 after the start are sent as
-//! 0x7D and the byte XOR 0x20, so that 0x7E always starts a frame; without escapes (AP=1) it can occur
-//! anywhere. Source: Digi, "XBee/XBee-PRO S1 802.15.4 (Legacy) User Guide", 90000982, chapter "API
-//! operation"; for 0x10, 0x90 and 0x91 the "XBee/XBee-PRO S2C Zigbee User Guide", 90002002.
+//! A frame is 0x7E, a big-endian length, that many bytes of data and a checksum that makes the sum of data and
+//! checksum 0xFF. With escapes (AP=2), 0x7E, 0x7D, 0x11 and 0x13 after the start are sent as 0x7D and the byte XOR
+//! 0x20, so that 0x7E always starts a frame; without (AP=1) it can occur anywhere. Source: Digi, "XBee/XBee-PRO S1
+//! 802.15.4 (Legacy) User Guide", 90000982, chapter "API operation"; for 0x10, 0x90 and 0x91 the "XBee/XBee-PRO S2C
+//! Zigbee User Guide", 90002002.
 
 use crate::field::{Bytes, Reader};
 use crate::frame::is_escaped;
@@ -51,16 +51,15 @@ pub enum Address {
 #[non_exhaustive]
 #[expect(missing_docs, reason = "a variant says what its fields are")]
 pub enum ApiFrame<'a> {
-    /// Data to the other side, at most [`MAX_PAYLOAD`] bytes: 0x00, 0x01 or 0x10, by address. The
-    /// status repeats the id; 0 requests none.
+    /// Data to the other side, at most [`MAX_PAYLOAD`] bytes: 0x00, 0x01 or 0x10, by address. The status repeats the
+    /// id; 0 requests none.
     Transmit { id: u8, to: Address, payload: &'a [u8] },
-    /// Data from the other side: 0x80, 0x81, or 0x90 and 0x91, depending on the address. Signal strength in
-    /// −dBm, which Zigbee does not report.
+    /// Data from the other side: 0x80, 0x81, or 0x90 and 0x91, by address. Signal strength in −dBm, absent in Zigbee.
     Receive { from: Address, rssi: Option<u8>, payload: &'a [u8] },
     /// Fate of a transmission, 0 if it was received: 0x89.
     Sent { id: u8, status: u8 },
-    /// Reads a parameter of the module at the host, or sets it to a value: 0x08, or 0x09. With an address of
-    /// 64 and 16 bits, that of a module on the other side: 0x17.
+    /// Reads a parameter of the host's module, or sets it to a value: 0x08, or 0x09. With an address of 64 and 16
+    /// bits, that of a module on the other side: 0x17.
     Command { id: u8, to: Option<(u64, u16)>, name: [u8; 2], value: &'a [u8] },
     /// Answer to a command, with status 0 unless it was refused: 0x88 or 0x97.
     Answer { id: u8, from: Option<(u64, u16)>, name: [u8; 2], status: u8, value: &'a [u8] },
@@ -205,22 +204,21 @@ impl Address {
     }
 }
 
-/// Reads an address of 64 bits and one of 16.
 fn both(rest: &mut Reader<'_>) -> Option<(u64, u16)> {
     Some((rest.array().map(u64::from_be_bytes)?, rest.array().map(u16::from_be_bytes)?))
 }
 
-/// Maximum number of bytes between length and checksum that the decoder follows. The longest frame with a
-/// payload has 18 bytes of header; the rest is room for other kinds.
+/// Maximum bytes between length and checksum that the decoder follows. The longest frame with a payload has 18 bytes
+/// of header; the rest is room for other kinds.
 const MAX_DATA: usize = 128;
 
 const MAX_RAW: usize = MAX_DATA + 4;
 
 /// Decodes a byte stream to API frames.
 ///
-/// Without escapes a start byte can occur anywhere. So the bytes of a damaged frame are searched
-/// for the next start, in case a wrong length swallowed it. A frame with a start byte in its data
-/// might be two, the first with a wrong length; it is accepted only if another start follows.
+/// Without escapes a start byte can occur anywhere. A damaged frame is searched for the next start, in case a wrong
+/// length swallowed it. A frame with a start byte in its data might be two, the first with a wrong length; it is
+/// accepted only if another start follows.
 #[derive(Clone, Debug)]
 pub struct Deframer {
     mode: Mode,
@@ -340,8 +338,8 @@ fn progress(bytes: &[u8]) -> Deframed<'_> {
     }
 }
 
-/// Returns the data of a valid frame that reads the same in both modes, and the bytes after it.
-/// Most frames qualify, in a quarter of the time of decoding byte by byte.
+/// Returns the data of a valid frame that reads the same in both modes (most do), and the bytes after it. Takes a
+/// quarter of the time of decoding byte by byte.
 fn whole_frame(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
     let Deframed::Whole(data) = progress(bytes) else { return None };
     let (frame, after) = bytes.split_at_checked(data.len() + 4)?;
@@ -399,8 +397,8 @@ mod tests {
             0xFF, 0xFE, 0x00, 0x00, 0x54, 0x78, 0x44, 0x61, 0x74, 0x61, 0x30, 0x41, 0x7D, 0x33,
         ];
         assert_eq!(&*escaped, expected);
-        // "AT Command frame - 0x08", "AT Command Response frame - 0x88", "Remote AT Command Request frame -
-        // 0x17", "Remote Command Response frame - 0x97", and of 90000982 "TX Status - 0x89".
+        // "AT Command frame - 0x08", "AT Command Response frame - 0x88", "Remote AT Command Request frame - 0x17",
+        // "Remote Command Response frame - 0x97", and of 90000982 "TX Status - 0x89".
         let (far, near) = ((0x0013_A200_4040_1122, 0xFFFE), (0x0013_A200_4052_2BAA, 0x7D84));
         let [nj, bd, bh, sl] = [*b"NJ", *b"BD", *b"BH", *b"SL"];
         let serial = [0x40, 0x52, 0x2B, 0xAA];

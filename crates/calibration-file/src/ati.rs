@@ -1,8 +1,8 @@
 //! Calibrations of ATI's force/torque sensors: XML files `.cal`.
 //!
-//! Each element `UserAxis` is a row of a linear matrix: the contribution of one volt of each gauge
-//! to that axis, in the units of the element `Calibration`. The elements `Axis` hold the same
-//! matrix, scaled and shifted, for ATI's own library.
+//! A `UserAxis` element is a row of a linear matrix: the contribution of one volt of each gauge to
+//! that axis, in the units of `Calibration`. `Axis` elements hold the same matrix, scaled and
+//! shifted, for ATI's own library.
 
 use calibration::Calibration;
 use calibration::model::{Basis, MAX_CHANNELS, Model};

@@ -1,5 +1,5 @@
-//! Checksum of a document: its last field, the 128-bit XXH3 of all bytes before it. It detects
-//! damage and edits, not forgery: anyone can write a new checksum.
+//! Last field of a document: the 128-bit XXH3 of all bytes before it. It detects damage and edits,
+//! not forgery: anyone can write a new checksum.
 
 use std::borrow::Cow;
 
@@ -8,7 +8,7 @@ use twox_hash::XxHash3_128;
 
 pub(super) const END: &str = "\n}\n";
 
-/// The text between the content and the checksum; the checksum covers everything before it.
+/// The text between content and checksum; the checksum covers all bytes before it.
 const FIELD: &str = ",\n  \"checksum\": \"xxh128:";
 
 pub(super) fn add(document: &str) -> String {
@@ -16,8 +16,7 @@ pub(super) fn add(document: &str) -> String {
     format!("{content}{}", seal(content.as_bytes()))
 }
 
-/// Checks the checksum of a document. Windows line ends, which version control may introduce, are
-/// read as plain line feeds.
+/// Checks the checksum. Windows line ends, as from version control, are read as line feeds.
 ///
 /// # Errors
 /// The reason, if the document is not as written.

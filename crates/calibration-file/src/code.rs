@@ -1,6 +1,6 @@
 //! Exports calibrations as Python and MATLAB functions, for programs without `shellcal`.
 //!
-//! A file is a block of constants and a fixed body (`assets/export`), which computes the same as
+//! Constants and a fixed body (`assets/export`) compute the same as
 //! [`Calibration::wrench`](calibration::Calibration::wrench): polynomials on standardised readings,
 //! in the order of [`Model::terms`](calibration::Model::terms). Memory terms need the times of the
 //! frames and a state that the caller passes from call to call.

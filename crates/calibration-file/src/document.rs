@@ -40,7 +40,7 @@ struct PolynomialDocument {
     lag: Option<ReferenceLag>,
 }
 
-/// The axes of a document, which are read first; absent if they are all six.
+/// Axes of a document, read first; absent if they are all six.
 #[derive(Deserialize)]
 struct AxesHeader {
     axes: Option<Axes>,
@@ -80,8 +80,6 @@ pub(super) fn parse(text: &[u8]) -> Result<CalibrationFile, Problem> {
 }
 
 impl PolynomialDocument {
-    /// # Errors
-    /// The inconsistency, if the parts do not fit together.
     fn value(mut self) -> Result<CalibrationFile, String> {
         if let Some(covariance) = &mut self.covariance {
             set_absent_to_zero(covariance, self.axes, self.terms.len());
@@ -272,8 +270,6 @@ pub(super) fn parse_physics(text: &[u8]) -> Result<CalibrationFile, Problem> {
 }
 
 impl PhysicsDocument {
-    /// # Errors
-    /// The inconsistency, if the parts do not fit together.
     fn value(self) -> Result<CalibrationFile, String> {
         self.check()?;
         let mut physics = PhysicsCalibration::new(self.physics, self.standard_error_scale);

@@ -1,5 +1,5 @@
-//! Reads whole documents (logs are streamed), if the beginning has the expected form, and within a
-//! budget that keeps a wrong file, a device or an endless pipe from filling the memory.
+//! Reads whole documents (logs are streamed) if the beginning has the expected form, within a budget that keeps a
+//! wrong file, a device or an endless pipe from filling the memory.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -41,8 +41,6 @@ impl DocumentKind {
     }
 }
 
-/// Reads the bytes of a document.
-///
 /// # Errors
 /// An error of the system; `InvalidData` if the document is too long or its beginning has the wrong form.
 pub fn read(path: &Path, document: DocumentKind) -> io::Result<Vec<u8>> {

@@ -13,7 +13,6 @@ pub(super) fn to_json(document: &impl Serialize) -> String {
     String::from_utf8(json).expect("JSON is UTF-8")
 }
 
-/// Indents objects and the outermost array; writes arrays within arrays on one line.
 #[derive(Debug, Default)]
 struct Layout {
     indent: usize,

@@ -1,7 +1,7 @@
 //! Calibrations as files: a JSON document, and the coefficient matrices that labs exchange.
 //!
-//! The document holds everything needed to apply a calibration, to judge it and to reproduce it.
-//! Numbers are written with the fewest digits that read back as the same `f64`.
+//! The document holds all that is needed to apply, judge and reproduce a calibration. Numbers have the fewest digits
+//! that read back as the same `f64`.
 //!
 //! | field | content |
 //! |---|---|
@@ -68,13 +68,13 @@ use shell_data::wrench::{Axis, PerAxis};
 /// The version of the documents that this program writes: any model, with a checksum.
 pub const SCHEMA_VERSION: u64 = 4;
 
-/// The last version of six-axis polynomial documents without a checksum.
+/// Last version without a checksum: six-axis polynomials.
 pub(crate) const SIX_AXES_SCHEMA_VERSION: u64 = 1;
 
-/// The last version of physics model documents without a checksum.
+/// Last version without a checksum: physics models.
 pub(crate) const PHYSICS_SCHEMA_VERSION: u64 = 2;
 
-/// The last version without a checksum of polynomial documents with fewer than six axes.
+/// Last version without a checksum: polynomials with fewer than six axes.
 pub(crate) const FEWER_AXES_SCHEMA_VERSION: u64 = 3;
 
 #[derive(Clone, Debug, PartialEq)]
@@ -178,8 +178,8 @@ struct DocumentHeader {
 }
 
 impl CalibrationFile {
-    /// The unexplained share of the loads' variance, 1 − R² per axis, if known. It is computed from the
-    /// training loads, or for a physics model from held-out loads.
+    /// The unexplained share of the loads' variance, 1 − R² per axis, if known, from the training loads or, for a
+    /// physics model, from held-out loads.
     pub fn unexplained(&self) -> Option<PerAxis<f64>> {
         let diagnostics = self.origin.diagnostics.as_ref()?;
         let train = diagnostics.train;
@@ -197,8 +197,6 @@ impl CalibrationFile {
         known.then(|| std::array::from_fn(share))
     }
 
-    /// Reads the JSON document at `path`.
-    ///
     /// # Errors
     /// [`CalibrationFileError`] if it cannot be read, or as [`Self::parse`].
     pub fn read(path: &Path) -> Result<Self, CalibrationFileError> {
@@ -213,8 +211,6 @@ impl CalibrationFile {
         input::document(path, DocumentKind::Json, Self::parse_edited)
     }
 
-    /// Reads a JSON document.
-    ///
     /// # Errors
     /// [`Problem`] if the version is unknown, the checksum does not match, or the content is implausible.
     pub fn parse(text: &[u8]) -> Result<Self, Problem> {
@@ -262,9 +258,8 @@ impl CalibrationFile {
         })
     }
 
-    /// Imports a calibration from the coefficient matrix at `path`: CSV, a calibration of ATI, or
-    /// MATLAB 5, as the beginning of the file shows. `options` supplies the information that the
-    /// file lacks. The origin names the file and is otherwise empty.
+    /// Imports the coefficient matrix at `path`: CSV, a calibration of ATI, or MATLAB 5, as its beginning shows.
+    /// `options` supplies what the file lacks. The origin names the file and is otherwise empty.
     ///
     /// # Errors
     /// [`CalibrationFileError`] if the file cannot be read or is not such a matrix.

@@ -2,8 +2,8 @@
 //!
 //! The CSV has a header `feature,Fx_N,Fy_N,Fz_N,Mx_mNm,My_mNm,Mz_mNm`, or fewer axes; moments are
 //! in mN·m. Its rows begin with `s1^1`, `s1^2`, …; products are `s1^1*s2^2`, the intercept is `1`.
-//! The reader also accepts bare numbers, features by axes or transposed, in the order of
-//! [`Model::terms`], and calibrations of ATI's sensors.
+//! Also read: bare numbers, features by axes or transposed, in the order of [`Model::terms`], and
+//! ATI's calibrations.
 
 use std::collections::HashMap;
 
@@ -64,8 +64,7 @@ fn feature_name(term: &Term) -> String {
     powers.map(|run| format!("s{}^{}", run[0] + 1, run.len())).collect::<Vec<_>>().join("*")
 }
 
-/// Reads a matrix: CSV or MATLAB 5. A MATLAB 5 file begins with a text of 116 bytes and has its
-/// byte order mark at byte 126.
+/// Reads CSV or MATLAB 5, which has a text of 116 bytes and its byte order mark at byte 126.
 pub(super) fn parse(bytes: &[u8], options: &ImportOptions) -> Result<Calibration, MatrixError> {
     if bytes.starts_with(b"MATLAB") && matches!(bytes.get(126..128), Some(b"IM" | b"MI")) {
         parse_matlab(bytes, options)

@@ -15,14 +15,12 @@ use shell_data::wrench::PerAxis;
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Origin {
-    /// Program and version.
     pub made_by: String,
     /// Date and time, UTC, RFC 3339.
     pub date: String,
     pub sensor_serial: Option<String>,
-    /// The solver; `None` for an imported matrix.
     pub solver: Option<SolverRecord>,
-    /// The quality of the fit; `None` for an imported matrix.
+    /// Quality of the fit; `None` for an imported matrix.
     pub diagnostics: Option<Diagnostics>,
     pub sources: Vec<SourceFile>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -59,12 +57,11 @@ pub struct Diagnostics {
     pub selection: Option<Selection>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub excitation: Option<Excitation>,
-    /// The share of test rows at poses of the training data, if so many that the test cannot assess
-    /// new poses.
+    /// The share of test rows at training poses, if too many to assess new poses.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub test_leak: Option<f64>,
-    /// The share of training rows whose pose also occurs in other groups, if so many that held-out
-    /// groups cannot assess new poses.
+    /// The share of training rows whose pose also occurs in other groups, if held-out groups then
+    /// cannot assess new poses.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub group_leak: Option<f64>,
 }
@@ -77,14 +74,13 @@ impl Diagnostics {
     }
 }
 
-/// A file that a calibration was made from.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SourceFile {
     pub role: Role,
     #[serde(serialize_with = "as_unicode")]
     pub path: PathBuf,
     pub checksum: Option<String>,
-    /// Identity of the parsed rows in any file format, by
+    /// Identity of the rows in any format, by
     /// [`Fingerprint`](shell_data::fingerprint::Fingerprint).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub digest: Option<String>,

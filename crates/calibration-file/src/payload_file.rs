@@ -19,7 +19,6 @@ use crate::origin::as_unicode;
 use crate::{CalibrationFileError, JsonFault, LARGEST, Problem};
 use forces::payload::{Accelerometer, Payload, PayloadFit};
 
-/// The version of the documents that this program writes and reads.
 pub const SCHEMA_VERSION: u64 = 1;
 
 const KIND: &str = "payload";
@@ -50,8 +49,6 @@ struct PayloadDocument<'f> {
 }
 
 impl PayloadFile {
-    /// Reads the document at `path`.
-    ///
     /// # Errors
     /// [`CalibrationFileError`] if it cannot be read, or as [`Self::parse`].
     pub fn read(path: &Path) -> Result<Self, CalibrationFileError> {
@@ -59,8 +56,6 @@ impl PayloadFile {
         input::document(path, DocumentKind::Json, parse)
     }
 
-    /// Reads a document.
-    ///
     /// # Errors
     /// The reason and the position.
     pub fn parse(text: &[u8]) -> Result<Self, String> {

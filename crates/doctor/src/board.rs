@@ -10,16 +10,13 @@ use board_link::recording::{BoardFrame, Losses, Measured, protocol_name};
 use board_link::{Handshake, Heard, LinkError, Stretch, for_board, serial_text};
 use log_file::summary::LogSummary;
 
-/// Observations of a board, and expectations.
 #[derive(Clone, Copy, Debug)]
 pub struct BoardObservations<'a> {
-    /// The board's answers.
     pub handshake: &'a Handshake,
-    /// The requested speed, bits per second.
+    /// Requested speed, bits per second.
     pub baud: u32,
-    /// The requested framing.
     pub protocol: Protocol,
-    /// The expected calibration, and the label in it.
+    /// Expected calibration, and the label in it.
     pub calibration: Option<(&'a Calibration, Option<&'a str>)>,
     /// The firmware version that comes with this program.
     pub firmware: [u8; 3],
@@ -34,7 +31,6 @@ const MANY_LOST: f64 = 1e-2;
 /// A quartz is accurate to some 10⁻⁴, and a period in whole µs to 10⁻³ at 1 kHz.
 const RATE_ERROR: f64 = 0.01;
 
-/// Checks a board.
 pub fn check_board(facts: &BoardObservations<'_>) -> Vec<Finding> {
     let mut findings = heard(facts);
     let Heard::Board { .. } = facts.handshake.heard else { return findings };

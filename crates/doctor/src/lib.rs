@@ -7,11 +7,8 @@
 //! Checks return [`Finding`]s, each with an observation and advice. [`check_port`] and
 //! [`check_board`] are pure, once [`board_link::handshake`] has queried the board. [`examine_log`]
 //! and [`examine_calibration`] read files; [`check_rows`] takes rows in memory.
-//!
-//!
 
 #![forbid(unsafe_code)]
-#![warn(missing_docs)]
 
 mod board;
 #[allow(
@@ -33,11 +30,9 @@ pub use port::check_port;
 pub use rows::check_rows;
 use serde::Serialize;
 
-/// The severity of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FindingSeverity {
-    /// No problem.
     Fine,
     /// May make results wrong, or makes them worse than necessary.
     Warning,
@@ -45,16 +40,12 @@ pub enum FindingSeverity {
     Fault,
 }
 
-/// The result of one check.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Finding {
     /// Stable name of the check: `losses`, `channel-dead`.
     pub check: &'static str,
-    /// Its severity.
     pub severity: FindingSeverity,
-    /// The observation.
     pub seen: String,
-    /// The advice, if any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub advice: Option<String>,
 }
@@ -69,7 +60,7 @@ impl Finding {
         Self { check, severity: FindingSeverity::Warning, seen, advice }
     }
 
-    /// Returns a finding that makes results wrong or impossible, with advice.
+    /// Returns a finding with advice about wrong or impossible results.
     pub fn fault(check: &'static str, seen: impl Into<String>, advice: impl Into<String>) -> Self {
         Self { severity: FindingSeverity::Fault, ..Self::warning(check, seen, advice) }
     }

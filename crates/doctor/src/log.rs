@@ -42,7 +42,6 @@ const DRIFT_SCATTER: f64 = 4.0;
 /// Rows per mean wrench that is kept to compare the ends of a log.
 const STEP: usize = 64;
 
-/// Reads and checks a log, with a calibration if given.
 pub fn examine_log(
     log: Result<Log, LogError>,
     read: &ReadOptions<'_>,

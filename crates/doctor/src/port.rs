@@ -6,7 +6,6 @@ use board_link::{LinkError, PortState};
 /// Maximum latency. With 16 ms, an adapter delivers a slow stream in bursts, 62 times a second.
 const LATENCY_MS: u32 = 2;
 
-/// Checks a port's state, as the system reports it.
 pub fn check_port(port: &PortState) -> Vec<Finding> {
     let mut findings = vec![match &port.refusal {
         None => Finding::fine("port", format!("`{}` can be opened", port.port)),

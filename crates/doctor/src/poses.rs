@@ -6,8 +6,8 @@ use shell_data::statistics::RunningVariance;
 /// Variation of a constant load, as a share of its range over the log.
 const CONSTANT_LOAD: f64 = 0.01;
 
-/// Minimum size of a jump, as a share of the channel's range over the log, and as a multiple of its
-/// noise. Creep under a constant load is smaller and gradual.
+/// Minimum jump, as a share of the channel's range over the log and as a multiple of its noise.
+/// Creep under a constant load is smaller and gradual.
 const JUMP: f64 = 0.05;
 const NOISE: f64 = 10.0;
 
@@ -19,7 +19,6 @@ const MOST_ROWS: usize = 1_000_000;
 
 #[derive(Debug, Default)]
 pub(crate) struct LabelledRows {
-    /// Readings and wrench of consecutive rows of one label.
     runs: Vec<(String, Block)>,
     rows: usize,
 }
@@ -68,7 +67,6 @@ impl LabelledRows {
     }
 }
 
-/// Range (maximum minus minimum) of each column over all runs.
 fn ranges<'a>(runs: impl Iterator<Item = &'a Vec<Vec<f64>>>) -> Vec<f64> {
     let mut ranges: Vec<[f64; 2]> = Vec::new();
     for columns in runs {
@@ -81,8 +79,8 @@ fn ranges<'a>(runs: impl Iterator<Item = &'a Vec<Vec<f64>>>) -> Vec<f64> {
     ranges.iter().map(|[low, high]| high - low).collect()
 }
 
-/// Returns the jump of a pose: the split into two means that explains the most variance, if they
-/// are far apart and the change is sudden.
+/// Returns the split into two means that explains the most variance, if they are far apart and the
+/// change is sudden.
 fn jump(pose: &str, columns: &[Vec<f64>], ranges: &[f64]) -> Option<PoseJump> {
     let mut best: Option<(f64, PoseJump)> = None;
     for (channel, (column, &range)) in columns.iter().zip(ranges).enumerate() {

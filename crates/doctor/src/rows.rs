@@ -17,8 +17,8 @@ const STOPPED: f64 = 0.1;
 const MOVED: f64 = 0.5;
 const FEWEST_STOPPED: usize = 50;
 
-/// A channel has a lower limit if its minimum occurs in this share of the rows, in at least this
-/// number of rows, and is reached from above this number of times.
+/// A channel has a lower limit if its minimum occurs in this share of rows, in at least this number
+/// of rows, and is reached from above this number of times.
 const PINNED: f64 = 0.01;
 const FEWEST_PINNED: usize = 20;
 const ENTRIES: usize = 3;
@@ -32,7 +32,6 @@ const MOST_ROWS: u64 = 200_000;
 
 type Looked<'a> = Vec<(usize, &'a LabelledBlock)>;
 
-/// Checks the readings of each log, with the channels' `names`.
 pub fn check_rows(data: &Dataset, names: &[String]) -> Vec<Finding> {
     let mut all = Vec::new();
     for log in &data.logs {

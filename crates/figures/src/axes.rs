@@ -18,7 +18,6 @@ pub(super) struct ValueRange {
 }
 
 impl ValueRange {
-    /// The empty range: its ends are infinite.
     pub(super) const EMPTY: Self = Self { low: f64::INFINITY, high: f64::NEG_INFINITY };
 
     pub(super) fn over(values: impl IntoIterator<Item = f64>) -> Self {
@@ -50,11 +49,11 @@ pub(super) struct Tick {
 }
 
 impl PlotAxis {
-    /// An axis over `low..=high`. Corrects what cannot be drawn: swaps reversed ends, widens an
-    /// empty range, and replaces one that is not finite or, on a logarithmic axis, not positive.
+    /// An axis over `low..=high`. Swaps reversed ends, widens an empty range, and replaces one that is not finite
+    /// or, on a logarithmic axis, not positive.
     pub fn new(quantity: &str, unit: &str, spacing: Spacing, low: f64, high: f64) -> Self {
         let (low, high) = (low.min(high), high.max(low));
-        // A range too short for ticks, or with an end that is not a number, shows only its lower end.
+        // A range too short for ticks, or with a NaN end, shows only its lower end.
         let (low, high) = match spacing {
             Spacing::Log => match (if low > 0.0 { low } else { high / 1e6 }, high) {
                 (low, high) if low > 1e-300 && high < 1e300 && high > low * 1.001 => (low, high),
@@ -110,8 +109,8 @@ impl PlotAxis {
         }
     }
 
-    /// Ticks at round values that divide the axis into at most `count` parts: multiples of 1, 2 or
-    /// 5 times a power of ten; on a log axis the powers of ten.
+    /// Ticks that divide the axis into at most `count` parts: multiples of 1, 2 or 5 times a power of ten; on a log
+    /// axis the powers of ten.
     pub(super) fn ticks(&self, count: usize) -> Vec<Tick> {
         if self.spacing == Spacing::Log {
             return self.log_ticks(count);
@@ -230,7 +229,7 @@ impl Panel {
         self.draw_frame(canvas);
     }
 
-    /// Draws the grid lines: first, under the data. An axis without a name has none.
+    /// Draws the grid lines, before the data. An axis without a name has none.
     pub(super) fn draw_grid(&self, canvas: &mut Figure) {
         let Rect { left, top, .. } = self.area;
         let [right, bottom] = [self.area.right(), self.area.bottom()].map(number);
@@ -251,7 +250,6 @@ impl Panel {
         canvas.line((self.area.left, zero), (self.area.right(), zero), palette::ZERO, 1.0);
     }
 
-    /// Draws frame, ticks and labels: last, over the data.
     pub(super) fn draw_frame(&self, canvas: &mut Figure) {
         canvas.frame(self.area, palette::INK);
         self.draw_x_labels(canvas);

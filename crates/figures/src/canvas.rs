@@ -2,8 +2,7 @@
 //!
 //! Widths and letter sizes for print follow Nature (research-figure-guide.nature.com, "Building and
 //! exporting figure panels": 89 and 183 mm, text from 5 to 7 pt), which suits most journals. A
-//! figure for print is laid out again for its width: scaled down, its letters would be too small to
-//! read.
+//! figure for print is laid out again: scaled down, its letters would be too small.
 
 use super::palette::Colour;
 
@@ -51,7 +50,7 @@ impl Size {
         if self == Self::Screen { 1.0 } else { LARGEST_PT / LARGEST * PIXELS / POINTS }
     }
 
-    /// The width of the drawing in its units, where `usual` is the width on a screen.
+    /// The drawing's width in its units; `usual` is the width on a screen.
     pub(super) fn width(self, usual: f64) -> f64 {
         self.width_mm().map_or(usual, |width_mm| width_mm / MM * PIXELS / self.scale())
     }
@@ -60,7 +59,7 @@ impl Size {
         length * self.scale() * MM / PIXELS
     }
 
-    /// The size of letters that have this size on a screen, in units of the drawing.
+    /// The size, in units of the drawing, of letters of this size on a screen.
     pub(super) fn letters(self, size: f64) -> f64 {
         if self == Self::Screen { size } else { size.max(LEAST_PT / LARGEST_PT * LARGEST) }
     }
@@ -225,8 +224,7 @@ impl Style {
     pub(super) const TITLE: Self = Self { size: 13.0, bold: true, ..Self::LABEL };
 }
 
-/// The maximum width of a text, in pixels: the digits of the font are 0.636 em wide, and running
-/// text is narrower on average.
+/// The maximum width of a text, px: the font's digits are 0.636 em wide, running text less.
 pub(super) fn text_width(text: &str, size: f64) -> f64 {
     0.64 * size * text.chars().count() as f64
 }
@@ -300,7 +298,6 @@ impl Figure {
     }
 }
 
-/// Formats a coordinate to a hundredth of a pixel, as short as possible.
 pub(super) fn number(value: f64) -> String {
     let hundredths = (value * 100.0).round();
     let text = format!("{:.2}", hundredths / 100.0 + 0.0);
@@ -311,7 +308,6 @@ pub(super) fn point(x: f64, y: f64) -> String {
     format!("{} {}", number(x), number(y))
 }
 
-/// A line through points, in path syntax; empty without points.
 pub(super) fn polyline(points: impl IntoIterator<Item = (f64, f64)>) -> String {
     let mut path = String::new();
     for (x, y) in points {

@@ -1,5 +1,5 @@
-//! Curves with a legend beside the panels, or below them in a narrow figure: any series on one pair
-//! of axes, and a body in a channel of beams (drag over position, touching beams below).
+//! Curves with a legend beside the panels, or below in a narrow figure: any series, and a body in a
+//! channel of beams (drag over position, touching beams below).
 
 use super::axes::{BOTTOM_MARGIN, LEFT_MARGIN, Panel, PlotAxis, ValueRange};
 use super::canvas::{Figure, Pen, Rect, Size, Style, polyline, text_width};

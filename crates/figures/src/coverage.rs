@@ -13,8 +13,8 @@ const PITCH: f64 = 224.0;
 const TOP: f64 = 56.0;
 const POINT: f64 = 1.6;
 
-/// Draws the loads of training rows and, above them, of test rows, N and N·m: four views of the
-/// space of loads. Empty regions were never calibrated.
+/// Draws loads of training rows and, above them, test rows, N and N·m, in four views. Empty regions
+/// were never calibrated.
 pub fn coverage_figure(train: &[PerAxis<f64>], test: &[PerAxis<f64>]) -> Figure {
     let height = TOP + SIDE + BOTTOM_MARGIN + 8.0;
     let mut canvas = Figure::new(Size::Screen, PITCH * PAIRS.len() as f64, height);
@@ -64,7 +64,6 @@ mod tests {
         );
         let svg = coverage_figure(&train, &train[..1]).svg();
         assert_eq!(svg.matches("<circle").count(), 8 + 5);
-        // Without loads the figure is empty.
         assert!(coverage_figure(&[], &[]).svg().starts_with("<svg"));
     }
 }

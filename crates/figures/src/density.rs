@@ -1,5 +1,5 @@
-//! A two-dimensional histogram as cells, coloured by the logarithm of the count. Data with few
-//! constant loads cover only a few spots, so their mean and spread are drawn.
+//! A two-dimensional histogram as cells, coloured by the logarithm of the count. Few constant loads
+//! cover only a few spots, so their mean and spread are drawn.
 
 use super::axes::{Panel, log_label};
 use super::canvas::{Figure, Pen, Rect, Style, number, point};
@@ -46,8 +46,8 @@ impl ColourScale {
     }
 }
 
-/// Doublings of cells after which neighbours still touch: about twice as many cells along each axis
-/// as the square root of the number of points, and no smaller than a pixel.
+/// Doublings of cells after which neighbours still touch: about twice as many cells per axis as the
+/// square root of the number of points, and no smaller than a pixel.
 pub(super) fn doublings<const X: usize, const Y: usize>(
     histogram: &Histogram2d<X, Y>,
     pixels: f64,
@@ -56,8 +56,8 @@ pub(super) fn doublings<const X: usize, const Y: usize>(
     (X as f64 / wanted).log2().floor().max(0.0) as u32
 }
 
-/// Draws the cells in the panel: one path per colour, and one stroke as wide as the height of a
-/// cell for each run of neighbours, which takes half the bytes of rectangles.
+/// Draws one path per colour, and one stroke of a cell's height per run of neighbours, which takes
+/// half the bytes of rectangles.
 pub(super) fn draw_cells(
     canvas: &mut Figure,
     panel: &Panel,
@@ -168,8 +168,7 @@ mod tests {
     use super::super::histogram::Histogram2d;
     use super::*;
 
-    /// Loads of 0, 1, … N, each with this scatter of the reference, and predictions with a known
-    /// bias and spread.
+    /// Loads 0, 1, … N with this scatter, and predictions with known bias and spread.
     fn cells(loads: u32, scatter: f64) -> Vec<HistogramCell> {
         let mut histogram = Histogram2d::<256, 256>::default();
         for load in 0..loads {

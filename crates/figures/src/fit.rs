@@ -1,5 +1,4 @@
-//! Predictions of a calibration: predicted against measured values, and residuals (predicted minus
-//! measured).
+//! Predicted against measured values, and residuals (predicted minus measured).
 
 use super::axes::{BOTTOM_MARGIN, LEFT_MARGIN, Panel, PlotAxis, ValueRange, decimal};
 use super::canvas::{Figure, Pen, Rect, Size, Style, number, point};
@@ -8,26 +7,22 @@ use super::histogram::{Histogram2d, HistogramCell};
 use super::palette;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// Predictions and measurements of any number of rows, reduced to the data of a figure (some 9 MB).
-/// Parts may be merged in any order.
+/// Predictions and measurements reduced to the data of a figure (some 9 MB, whatever the number of
+/// rows). Parts may be merged in any order.
 #[derive(Clone, Debug, Default)]
 pub struct FitPlot {
     name: RowsName,
     axes: PerAxis<AxisPlot>,
 }
 
-/// The name of the rows of a figure.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum RowsName {
-    /// Rows that were fitted.
     #[default]
     Training,
-    /// Rows that were held out of the fit.
     HeldOut,
 }
 
 impl RowsName {
-    /// The name, as in "training rows".
     fn words(self) -> &'static str {
         match self {
             Self::Training => "training rows",
@@ -39,21 +34,19 @@ impl RowsName {
 #[derive(Clone, Debug, Default)]
 struct AxisPlot {
     agreement: Histogram2d<256, 256>,
-    /// Residual against predicted. Bins are finer along the residual, as only part of it is shown
-    /// if a few rows are far out.
+    /// Residual against predicted. Bins are finer along the residual: with rows far out, only part
+    /// is shown.
     residual: Histogram2d<128, 1024>,
     squares: f64,
 }
 
 impl FitPlot {
-    /// Creates an empty figure of rows with this name.
     pub fn new(name: RowsName) -> Self {
         Self { name, ..Self::default() }
     }
 
-    /// Adds a block of rows: six columns each, in the order of [`Axis::ALL`], N and N·m.
-    ///
-    /// Rows that are not finite are skipped for the axis concerned.
+    /// Adds six columns in the order of [`Axis::ALL`], N and N·m. Rows that are not finite are
+    /// skipped for their axis.
     ///
     /// # Panics
     /// If there are not six columns of one length.
@@ -95,18 +88,18 @@ impl AxisPlot {
 // Lengths in CSS pixels. A4 portrait at 96 per inch is 794 by 1123.
 const WIDTH: f64 = 900.0;
 const TOP: f64 = 62.0;
-/// The width of a panel on a screen; the size of cells is chosen for it.
+/// Width of a panel on a screen; the size of cells is chosen for it.
 const PLOT_WIDTH: f64 = 222.0;
 const MARGINS: f64 = 78.0;
 const RESIDUAL_HEIGHT: f64 = 130.0;
 const PROFILE_WIDTH: f64 = 42.0;
 
-/// The height of the two panels of an axis, without the side of the upper one.
+/// Height of the two panels of an axis, without the side of the upper one.
 const BLOCK: f64 = 24.0 + BOTTOM_MARGIN + 14.0 + RESIDUAL_HEIGHT + BOTTOM_MARGIN + 14.0;
 
 /// Draws, for each of `axes`, predicted against measured, residual against predicted, and the
-/// distribution of the residuals. Densities show the `test` rows, if any, with the distribution of
-/// the training rows as an outline; otherwise everything shows the `train` rows.
+/// distribution of residuals. Densities show the `test` rows, if any, with the distribution of the
+/// training rows as an outline; otherwise all show the `train` rows.
 pub fn fit_figure(
     size: Size,
     title: &str,
@@ -171,14 +164,13 @@ struct AxisView {
     predicted_range: ValueRange,
     residual_range: ValueRange,
     beyond: u64,
-    /// The distribution of the residuals, and that of other data.
     profile: Vec<(ValueRange, u64)>,
     outline: Vec<(ValueRange, u64)>,
 }
 
 impl AxisView {
-    /// Shows all residuals, unless a few rows far out would flatten all others. It then shows the
-    /// middle 99.8 % and as much again on both sides, with the number of rows beyond.
+    /// Shows all residuals, unless a few would flatten all others: then the middle 99.8 % and as
+    /// much again on both sides, with the number of rows beyond.
     fn new(axis: Axis, data: &AxisPlot, outlined: Option<&AxisPlot>) -> Self {
         let [measured, predicted] = data.agreement.ranges();
         let merge = doublings(&data.agreement, PLOT_WIDTH);

@@ -1,8 +1,7 @@
 //! Histograms that find their own ranges: equal bins whose width doubles as the data spread.
 //!
 //! Bin `i` at exponent `k` covers `[i·2ᵏ, (i+1)·2ᵏ)`, so bins nest exactly in those of the next
-//! exponent. The exponent is the smallest that fits the range seen so far, whatever the order of
-//! the data.
+//! exponent: the smallest that fits the range so far, whatever the order of the data.
 
 use std::array;
 
@@ -22,7 +21,7 @@ const LARGEST_INDEX: f64 = (1u64 << 52) as f64;
 const SMALLEST_EXPONENT: i32 = -1000;
 
 impl Bins {
-    /// The window of `count` bins centred on a finite range, with bins at least `2^exponent` wide.
+    /// `count` bins centred on a finite range, at least `2^exponent` wide.
     fn around(exponent: i32, ValueRange { low, high }: ValueRange, count: usize) -> Self {
         // An exponent that is certainly too small, but near enough to try the next few.
         let width = (high / count as f64 - low / count as f64)
@@ -53,13 +52,12 @@ impl Bins {
         offset >= 0.0 && offset < self.count as f64
     }
 
-    /// A function from a value in the window to its bin's position.
     pub(super) fn locator(&self) -> impl Fn(f64) -> usize + use<> {
         let (scale, first) = (2f64.powi(-self.exponent), self.first as f64);
         move |value| ((value * scale).floor() - first) as usize
     }
 
-    /// The position in this window of bin `position` of `other`, which has equal or finer bins.
+    /// Maps bin `position` of `other`, which has equal or finer bins, to this window.
     fn position_of(&self, other: &Self, position: usize) -> usize {
         let index = (other.first + position as i64) >> (self.exponent - other.exponent).min(63);
         (index - self.first) as usize
@@ -88,7 +86,6 @@ pub(super) struct Grid<C, const N: usize> {
     pub(super) cells: Vec<C>,
 }
 
-/// The summary of the points in a cell; the default is empty.
 pub(super) trait Cell: Clone + Default + PartialEq {
     fn absorb(&mut self, later: &Self);
 }
@@ -143,10 +140,9 @@ fn floor_index(value: f64, exponent: i32) -> f64 {
     (value * 2f64.powi(-exponent)).floor()
 }
 
-/// Counts of points (x, y) in at most `X` by `Y` equal cells. Cell widths are powers of two, and
-/// double when a point falls outside, which moves whole cells into whole cells: counts are exact,
-/// and independent of the order of points, blocks and merges. At least half of the bins of each
-/// axis span the data.
+/// Counts of points (x, y) in at most `X` by `Y` equal cells. Cell widths are powers of two that
+/// double when a point falls outside, which merges whole cells: counts are exact and independent of
+/// the order of points, blocks and merges. At least half of the bins of each axis span the data.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Histogram2d<const X: usize, const Y: usize> {
     grid: Option<Grid<u64, 2>>,

@@ -29,8 +29,8 @@ pub(super) fn width(text: &str, style: Style) -> f64 {
     text.chars().map(advance).sum::<f64>() * style.size / f64::from(face.units_per_em())
 }
 
-/// The outline of a text, and its position; `None` for a text without ink. The built-in fonts have
-/// no kerning. A missing character becomes the font's replacement glyph.
+/// The outline of a text, and its position; `None` without ink. The built-in fonts have no kerning.
+/// A missing character becomes the replacement glyph.
 pub(super) fn outline(text: &str, at: (f64, f64), style: Style) -> Option<(Path, Transform)> {
     let face = face(style.bold);
     let mut outline = Outline { path: PathBuilder::new(), left: 0.0 };

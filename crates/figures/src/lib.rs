@@ -1,11 +1,11 @@
 //! Figures: from data to a finished picture, as SVG text, PDF or PNG bytes.
 //!
-//! Data are added block by block to accumulators of fixed size ([`FitPlot`], [`WrenchTrace`]), so
-//! ten million rows take no more memory than ten thousand. Their content does not depend on the
-//! division into blocks or the order of merging. The drawing is deterministic to the byte.
+//! Data are added block by block to accumulators of fixed size ([`FitPlot`], [`WrenchTrace`]): ten
+//! million rows take no more memory than ten thousand. Their content does not depend on the blocks
+//! or the order of merging. The drawing is deterministic to the byte.
 //!
-//! This crate draws only the figures of this program and accesses no files. Text in the SVG stays
-//! text (DejaVu Sans or another sans-serif); PDF and PNG have the font built in.
+//! This crate draws the figures of this program and accesses no files. Text in the SVG stays text
+//! (DejaVu Sans or another sans-serif); PDF and PNG have the font built in.
 
 mod axes;
 mod canvas;

@@ -12,7 +12,7 @@ const PITCH: f64 = HEIGHT + BOTTOM_MARGIN + 36.0;
 /// Points drawn of the search, two per pixel: each is the highest of a part.
 const SEARCH_POINTS: usize = 1600;
 
-/// Draws the search (score over offset, with a maximum of 1) above an excerpt of the match.
+/// Draws the search (score over offset, maximum 1) above an excerpt of the match.
 pub fn match_figure(size: Size, title: &str, quality: &Quality) -> Figure {
     let width = size.width(WIDTH);
     let mut canvas = Figure::titled(size, width, TOP + 2.0 * PITCH, title);
@@ -57,7 +57,6 @@ fn draw(
     });
 }
 
-/// The highest point of each of `stretches` parts, so that no peak is lost.
 fn highest(points: &[(f64, f64)], stretches: usize) -> Vec<(f64, f64)> {
     let length = points.len().div_ceil(stretches).max(1);
     let best = |stretch: &[(f64, f64)]| {

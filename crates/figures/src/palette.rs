@@ -1,6 +1,5 @@
 //! Colours that everyone can distinguish, also in grey print.
 
-/// A colour as `0xrrggbb`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Colour(pub(super) u32);
 
@@ -15,8 +14,7 @@ impl Colour {
     }
 }
 
-/// Lines and points, in the order of use: the palette of Okabe and Ito ("Color Universal Design",
-/// 2008), without its yellow, which is too pale on white.
+/// Palette of Okabe and Ito ("Color Universal Design", 2008) without yellow, too pale on white.
 const SERIES: [u32; 7] = [0x0072b2, 0xd55e00, 0x009e73, 0xcc79a7, 0xe69f00, 0x56b4e9, 0x000000];
 
 /// The colour of a series by its number; colours repeat after the last.
@@ -29,7 +27,7 @@ pub(super) const GRID: Colour = Colour(0xe4e4e4);
 pub(super) const ZERO: Colour = Colour(0x999999);
 /// Background of the time that the robot is partly in a channel.
 pub(super) const PARTLY_INSIDE: Colour = Colour(0xe6e6e6);
-/// Background of the time wholly in a channel: in grey print between the other one and white.
+/// Background of the time wholly in a channel: in grey between the other one and white.
 pub(super) const INSIDE: Colour = Colour(0xfbe9ea);
 pub(super) const SPREAD: Colour = Colour(0xc9dcea);
 /// Reference lines over densities: identity, zero residual.

@@ -1,7 +1,7 @@
 //! Drawings as PDF (ISO 32000): one page of the picture's size, with letters in an embedded font.
 //!
-//! A transformation of the page converts the canvas's coordinates: y up, points. Text is glyph
-//! numbers with a table of their characters, so it can be searched and copied.
+//! The page transformation converts the canvas's coordinates: y up, points. Text is glyph numbers
+//! with a table of their characters, so it can be searched and copied.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -18,11 +18,9 @@ use super::palette::{Colour, INK};
 /// Points per CSS pixel: 72 and 96 per inch.
 const POINTS: f64 = 0.75;
 
-/// Distance of the handles of a Bézier curve from its ends, for a quarter of a circle of radius 1:
-/// 4/3·(√2 − 1).
+/// Distance of Bézier handles from the ends, for a quarter of a circle of radius 1: 4/3·(√2 − 1).
 const QUARTER: f64 = 0.552_284_75;
 
-/// The names of the fonts on the page, regular and bold.
 const FONTS: [&str; 2] = ["R", "B"];
 
 /// The drawing on white, as a PDF file, the same bytes on every machine.

@@ -1,5 +1,3 @@
-//! Drawings as pixels.
-
 use tiny_skia::{
     Color, FillRule, LineJoin, Mask, Paint, Path, PathBuilder, Pixmap, Stroke, StrokeDash,
     Transform,

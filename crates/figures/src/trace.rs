@@ -1,6 +1,6 @@
-//! A wrench over time, for logs of any length. Each sliver of time keeps its first, lowest, highest
-//! and last value, which draw the same line as all values (Jugel et al., "M4: A
-//! Visualization-Oriented Time Series Data Aggregation", VLDB 2014).
+//! A wrench over time, for logs of any length. Each sliver of time keeps its first, lowest, highest and last value,
+//! which draw the same line as all values (Jugel et al., "M4: A Visualization-Oriented Time Series Data Aggregation",
+//! VLDB 2014).
 
 use super::axes::{BOTTOM_MARGIN, Panel, PlotAxis, ValueRange, wide_area};
 use super::canvas::{Figure, Pen, Size, point};
@@ -22,7 +22,7 @@ pub(super) struct TraceCurve {
     slivers: Option<Grid<Option<Sliver>, 1>>,
 }
 
-/// The summary of the points in one sliver of time, each as (time, value).
+/// Points of one sliver, each as (time, value).
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Sliver {
     first: (f64, f64),
@@ -37,8 +37,8 @@ impl WrenchTrace {
         Self { is_by_row: true, ..Self::default() }
     }
 
-    /// Adds a block of rows: time in s, six columns of wrench in the order of [`Axis::ALL`], N and N·m. A
-    /// column may be empty: its axis is then not drawn. Rows that are not finite are skipped.
+    /// Adds rows: time in s, six columns of wrench in the order of [`Axis::ALL`], N and N·m. The axis of an empty
+    /// column is not drawn. Rows that are not finite are skipped.
     ///
     /// # Panics
     /// If there are not six columns, each empty or as long as `time_s`.

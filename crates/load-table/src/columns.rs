@@ -32,8 +32,8 @@ pub(crate) enum LoadColumn {
 
 const DEGREE: f64 = std::f64::consts::PI / 180.0;
 
-/// Default standard errors: a kitchen scale with some hundred grams (as a share of the mass), a
-/// protractor at a string, and a ruler at a lever.
+/// Default standard errors: a kitchen scale with some hundred grams (share of the mass), a
+/// protractor at a string, a ruler at a lever.
 const USUAL_SHARE: f64 = 0.002;
 const USUAL_ANGLE_RAD: f64 = DEGREE;
 const USUAL_LEVER_M: f64 = 1e-3;

@@ -5,16 +5,12 @@ use shell_data::wrench::{Axis, LoadErrors, PerAxis, force_at};
 /// Turns a mass into a force, m/s² (CGPM 1901, resolution 2).
 pub const STANDARD_GRAVITY: f64 = 9.80665;
 
-/// A load held still.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HungLoad {
-    /// The label of the pose.
     pub group: String,
-    /// The force or wrench.
     pub pull: Pull,
-    /// Standard errors of the load, if it is a force.
+    /// Standard errors of a force.
     pub errors: LoadErrors,
-    /// The label of the lever's mounting, if given.
     pub mounting: Option<String>,
     /// Line number in the table, from 1.
     pub line: usize,
@@ -23,7 +19,6 @@ pub struct HungLoad {
 /// A force at a point, or a wrench, in the sensor's frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Pull {
-    /// A force at a point.
     Force {
         /// Magnitude, N.
         force_n: f64,

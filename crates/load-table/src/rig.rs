@@ -7,8 +7,8 @@ use shell_data::wrench::{Axis, PerAxis};
 
 const MOST: usize = 20_000;
 
-/// Combines every mass (kg), point (mm from the origin) and direction into a table. A direction is
-/// a word as in the column `direction`, or azimuth and elevation in degrees: `30:-45`.
+/// Combines every mass (kg), point (mm from the origin) and direction: a word as in the column
+/// `direction`, or azimuth and elevation in degrees: `30:-45`.
 ///
 /// # Errors
 /// A message about a wrong direction, or too many loads.

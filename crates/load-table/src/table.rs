@@ -8,7 +8,6 @@ use super::columns::{LoadColumn, errors, pull};
 use super::load::HungLoad;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Loads, one per line, with their cells.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct HungLoads {
     header: Vec<String>,
@@ -16,15 +15,12 @@ pub struct HungLoads {
     loads: Vec<HungLoad>,
 }
 
-/// An error in a table of loads.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("line {line}{}: {message}", column.as_ref().map_or_else(String::new, |name| format!(", column `{name}`")))]
 pub struct HungLoadError {
-    /// From 1.
+    /// Line number, from 1.
     pub line: usize,
-    /// The column, if one is at fault.
     pub column: Option<String>,
-    /// The message.
     pub message: String,
 }
 
@@ -125,19 +121,17 @@ impl HungLoads {
         table
     }
 
-    /// Returns the loads in the order of the lines.
     pub fn loads(&self) -> &[HungLoad] {
         &self.loads
     }
 
-    /// Returns the cells of a column; `None` if there is no column of this name.
     pub fn column(&self, name: &str) -> Option<impl Iterator<Item = &str>> {
         let at = self.header.iter().position(|known| known.eq_ignore_ascii_case(name))?;
         Some(self.cells.iter().map(move |cells| cells[at].as_str()))
     }
 
-    /// Writes some of the lines, in this order, as CSV that [`HungLoads::parse`] reads. The names
-    /// of additional columns begin with `plan_`. Missing labels are added, so that lines keep them.
+    /// Writes lines, in this order, as CSV that [`HungLoads::parse`] reads. Names of additional
+    /// columns begin with `plan_`. Missing labels are added, so that lines keep them.
     ///
     /// # Panics
     /// If an index is not below the number of lines.

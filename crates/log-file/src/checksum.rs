@@ -1,19 +1,16 @@
 //! Checksums that identify the files a result was computed from.
 //!
-//! The hash is XXH3 with 128 bits, in the form `xxh128:` and the output of `xxh128sum`. It takes a tenth of
-//! the time of a cryptographic hash, which would add a twentieth to a whole fit. Different files do not have
-//! the same checksum by chance, but a forger could construct one that does.
+//! 128-bit XXH3, written as `xxh128:` and the output of `xxh128sum`. It takes a tenth of the time of a cryptographic
+//! hash, which would add a twentieth to a whole fit. Equal checksums do not occur by chance, but can be forged.
 
 use std::io::{self, Read};
 
 use twox_hash::XxHash3_128;
 
-/// Formats the checksum of all bytes so far.
 pub(crate) fn text(hash: &XxHash3_128) -> String {
     format!("xxh128:{:032x}", hash.finish_128())
 }
 
-/// Returns the checksum of `bytes`.
 pub fn of(bytes: &[u8]) -> String {
     let mut hash = XxHash3_128::default();
     hash.write(bytes);

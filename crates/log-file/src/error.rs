@@ -12,39 +12,31 @@ use table_file::{FileKind, TableError};
 pub use crate::parse::field_problem::FieldProblem;
 pub use crate::stream::companion::RowMismatch;
 
-/// An error of reading a log.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum LogError {
-    /// The file cannot be opened or read.
     #[error("cannot read `{}`", path.display())]
     Io { path: PathBuf, source: io::Error },
     /// The file is compressed with `method` (gzip or zstd), but damaged or truncated.
     #[error("`{}` is a damaged {method} file", path.display())]
     Unpacking { path: PathBuf, method: &'static str, source: io::Error },
-    /// The file contains a table that cannot be read.
     #[error("`{}` is {problem}", path.display())]
     Table { path: PathBuf, problem: TableError },
-    /// The rows of the file and its companion do not match.
     #[error("`{}` and `{}` beside it: {problem}", path.display(), companion.display())]
     RowMismatch { path: PathBuf, companion: PathBuf, problem: RowMismatch },
-    /// The file has an unsupported format: its name, and advice on converting it.
+    /// An unsupported format: its name, and advice on converting it.
     #[error("`{}` is {what}, which is not read", path.display())]
     Foreign { path: PathBuf, what: &'static str, remedy: &'static str },
     /// A table was requested by name from a file that contains a single one.
     #[error("`{}` is a single table, and has none called `{wanted}`", path.display())]
     NoParts { path: PathBuf, wanted: String },
-    /// The file has no bytes, or only blank lines.
     #[error("`{}` is empty", .0.display())]
     Empty(PathBuf),
-    /// The file has a header and nothing after it.
     #[error("`{}` has a header but no rows", .0.display())]
     NoRows(PathBuf),
-    /// No row meets the conditions.
     #[error("no row of `{}` meets all conditions", .0.display())]
     NoneChosen(PathBuf),
-    /// More rows are invalid than may be skipped without a closer look; with the position of the first and
-    /// its error.
+    /// More rows are invalid than are skipped without a request. `position` and `problem` are of the first.
     #[error(
         "`{}`: {skipped} of {rows} rows are wrong, {class}; the first at {position}: {problem}",
         path.display()
@@ -53,13 +45,12 @@ pub enum LogError {
         path: PathBuf,
         skipped: u64,
         rows: u64,
-        /// The feature that most of them have in common, in words.
+        /// The feature that most invalid rows have in common, in words.
         class: String,
         position: LogPosition,
         problem: Box<RowProblem>,
     },
-    /// The file is not text: it has a byte that does not occur in text, at `offset` in the (uncompressed)
-    /// file.
+    /// A byte that does not occur in text, at `offset` in the uncompressed file.
     #[error("`{}` is not a text file: byte {offset} is 0x{byte:02x}", path.display())]
     Binary { path: PathBuf, offset: u64, byte: u8 },
     /// The `%` lines of a telemetry log do not name any columns.
@@ -70,7 +61,6 @@ pub enum LogError {
     At { path: PathBuf, position: LogPosition, problem: PlacedProblem },
 }
 
-/// An error at a position of a log.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PlacedProblem {
@@ -80,8 +70,8 @@ pub enum PlacedProblem {
     /// Lines end with a carriage return alone, which no program has written for decades.
     #[error("lines end with a carriage return and no line feed")]
     CarriageReturns,
-    /// A file of numbers without a header, whose number of columns no known layout has; `time` is the column,
-    /// from 1, that counts seconds since 1970, or the first.
+    /// Numbers without a header, in a number of columns that no known layout has; `time` is the column, from 1, that
+    /// counts seconds since 1970, or the first.
     #[error(
         "{columns} columns and no header, expected 15 (time, 8 sensors, wrench) or 12 (2 others, time, \
          wrench, motion)"
@@ -90,10 +80,9 @@ pub enum PlacedProblem {
     /// No lines are rows of numbers, and the first line does not name known columns.
     #[error("this names no columns, and no rows of numbers follow")]
     NoTable,
-    /// The requested format has `expected` columns, the log has `found`.
     #[error("{format} has {expected} columns, found {found}")]
     LayoutMismatch { format: crate::format::mapping::LogFormat, expected: usize, found: usize },
-    /// Required columns are missing; with the columns that exist.
+    /// Required columns are missing; `found` are those that exist.
     #[error(
         "no column{} {}; found {}",
         if missing.len() == 1 { "" } else { "s" },
@@ -101,7 +90,6 @@ pub enum PlacedProblem {
         if found.is_empty() { "none".to_owned() } else { quoted(found, ", ") }
     )]
     MissingColumns { missing: Vec<String>, found: Vec<String> },
-    /// The unit of a column is not understood.
     #[error("column `{column}`: the unit `{unit}` of its {} is not understood", match quantity {
         Quantity::Force => "force",
         Quantity::Moment => "moment",
@@ -111,7 +99,6 @@ pub enum PlacedProblem {
     /// Times are integers whose median `step` leaves two units possible.
     #[error("the time unit of column `{column}` is not known; it grows by `{step}` a row")]
     UnclearTimeUnit { column: String, step: f64 },
-    /// Dates have two readings: day or month first.
     #[error("column `{column}`: the date `{date}` begins with its day or with its month")]
     UnclearDate { column: String, date: String },
     /// Two columns, given by their positions from 0, have the same meaning.
@@ -120,7 +107,6 @@ pub enum PlacedProblem {
         columns[0] + 1, names[0], columns[1] + 1, names[1]
     )]
     DuplicateColumn { meaning: String, columns: [usize; 2], names: Box<[String; 2]> },
-    /// A row is invalid.
     #[error(transparent)]
     Row(#[from] RowProblem),
 }
@@ -207,7 +193,6 @@ impl Hint for PlacedProblem {
     }
 }
 
-/// Suggests how to say which columns without names are which.
 fn by_number(columns: usize, time: usize) -> String {
     let (first, wrench) = (time + 1, columns.saturating_sub(5));
     let readings = format!("`--time {time} --sensors {first}-{columns}`");
@@ -228,7 +213,6 @@ fn by_number(columns: usize, time: usize) -> String {
     }
 }
 
-/// Suggests names similar to the columns that a log lacks.
 fn nearest_columns(missing: &[String], found: &[String]) -> Option<String> {
     if let Some(name) = missing.iter().find(|name| found.contains(name)) {
         return Some(format!(
@@ -248,19 +232,16 @@ fn nearest_columns(missing: &[String], found: &[String]) -> Option<String> {
     (!nearest.is_empty()).then(|| format!("did you mean {}?", nearest.join(", ")))
 }
 
-/// A position in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LogPosition {
     /// A line of text, from 1.
     Line(u64),
     /// A row of a table, from 1.
     Row(u64),
-    /// The column names of a table.
     Names,
 }
 
 impl LogPosition {
-    /// Returns the number of the line or row.
     pub fn number(self) -> Option<u64> {
         match self {
             Self::Line(number) | Self::Row(number) => Some(number),
@@ -288,10 +269,8 @@ pub enum RowProblem {
         _ => format!("`{found}`"),
     })]
     Field { column: usize, name: String, problem: FieldProblem, found: String },
-    /// The number of columns differs from the header or the first row.
     #[error("expected {expected} columns, found {found}")]
     ColumnCount { expected: usize, found: usize },
-    /// A quoted field does not end on its line.
     #[error("expected a closing quote on the same line")]
     OpenQuote,
     /// A payload begins like a scan, but is not one.

@@ -1,18 +1,17 @@
 //! Streaming readers for logs: recordings of readings, wrenches and robot telemetry.
 //!
 //! [`Log::open`] reads the first lines and recognises the [`LogFormat`] and the meanings of the columns; a
-//! [`Mapping`] supplies the rest. [`Log::read`] then streams the rows as [`Block`]s in SI units. It parses
-//! only the columns that are [`Wanted`], on one thread per core, in memory that does not grow with the file.
-//! Files compressed with gzip or Zstandard are unpacked on the fly, and binary files (Parquet, MATLAB, NumPy,
-//! Excel, MCAP) are read as tables.
+//! [`Mapping`] supplies the rest. [`Log::read`] streams the rows as [`Block`]s in SI units. It parses only the
+//! [`Wanted`] columns, on one thread per core, in memory that does not grow with the file. Gzip and Zstandard are
+//! unpacked on the fly; binary files (Parquet, MATLAB, NumPy, Excel, MCAP) are read as tables.
 //!
 //! ```text
 //! ByteStream ─▶ ChunkStream ─▶ FieldEnds ─▶ numbers ─▶ Block ─▶ map ─▶ fold
 //! any container  whole lines    └── any thread, with a state of its own ──┘   in order
 //! ```
 //!
-//! Block boundaries depend on the file alone, and `fold` receives the blocks in order, so results are the
-//! same for any number of threads.
+//! Block boundaries depend on the file alone and `fold` receives the blocks in order: results do not depend on the
+//! number of threads.
 //!
 //! Not supported: quoted fields that span lines, and text that is not UTF-8, UTF-16 or ASCII.
 //!

@@ -18,7 +18,6 @@ use shell_data::telemetry::Telemetry;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 use table_file::{FileKind, Table};
 
-/// A log whose layout is known.
 #[derive(Debug)]
 pub struct Log {
     pub(crate) source: LogSource,
@@ -44,9 +43,8 @@ impl Log {
         Self::new(LogSource::in_memory(name, bytes, mapping.table.as_deref())?, mapping)
     }
 
-    /// Opens a log together with the file `companion`, whose columns follow those of the log, row by row. If
-    /// neither file has names and nothing is specified, the columns of the log are readings and the six
-    /// columns of the companion are the wrench.
+    /// Opens a log with a `companion`, whose columns follow those of the log, row by row. If neither file has names
+    /// and nothing is specified, the log has readings and the companion's six columns are the wrench.
     ///
     /// # Errors
     /// Errors of [`Log::open`] for either file, and [`LogError::RowMismatch`] if their rows do not match.
@@ -92,7 +90,7 @@ impl Log {
         Ok(Self { source, layout, chunk_bytes: CHUNK_BYTES })
     }
 
-    /// Sets the approximate number of bytes per block, for tests that results do not depend on it.
+    /// Sets the approximate bytes per block, to test that results do not depend on them.
     #[doc(hidden)]
     pub fn with_chunk_bytes(self, chunk_bytes: usize) -> Self {
         Self { chunk_bytes: chunk_bytes.max(1), ..self }
@@ -106,7 +104,6 @@ impl Log {
         self.layout.header.format
     }
 
-    /// Describes the kind of file.
     pub fn kind(&self) -> String {
         let kind = self.table_kind().map(|kind| kind.to_string());
         kind.unwrap_or_else(|| self.layout.header.kind())
@@ -124,7 +121,7 @@ impl Log {
         Some((column.meaning.scale().to_si(turn), event))
     }
 
-    /// Returns a column that distinguishes sensors whose rows alternate, if none of them is selected.
+    /// Returns a column that distinguishes alternating sensors, if none of them is selected.
     pub fn interleaving(&self) -> Option<&Interleaving> {
         self.layout.interleaving.as_ref()
     }
@@ -140,9 +137,9 @@ impl Log {
         positions.map(|&position| self.layout.columns[position].name.as_str()).collect()
     }
 
-    /// Describes the sensor columns in channel order, followed by the log's wrench columns. Columns that
-    /// `mapping` specifies have their name in the log, or their position if they have no name; recognised
-    /// columns have their usual name. A moment unit that `mapping` specifies is appended to the moments.
+    /// Describes the sensor columns in channel order, then the wrench columns. Columns that `mapping` specifies have
+    /// their name in the log or else their position, recognised columns their usual name. A moment unit that
+    /// `mapping` specifies is appended to the moments.
     pub fn specified_values(&self, mapping: &Mapping) -> Vec<String> {
         let FileLayout { columns, roles, .. } = &self.layout;
         let mapping = mapping.for_columns(&self.column_names());
@@ -169,8 +166,8 @@ impl Log {
         sensors.chain(Axis::ALL.into_iter().filter_map(load)).collect()
     }
 
-    /// Returns the part of `mapping` that refers to columns, by their names in this log, so that other logs
-    /// of the same kind can be read with it. Columns without a unique name are omitted.
+    /// Returns the column references of `mapping` by name in this log, for reading logs of the same kind. Columns
+    /// without a unique name are omitted.
     pub fn specified(&self, mapping: &Mapping) -> ColumnNames {
         let FileLayout { columns, roles, .. } = &self.layout;
         let mapping = mapping.for_columns(&self.column_names());
@@ -211,13 +208,10 @@ impl Log {
         .collect()
     }
 
-    /// Returns the path of the companion, if there is one.
     pub fn companion(&self) -> Option<&Path> {
         self.source.companion.as_ref().map(|companion| companion.path.as_path())
     }
 
-    /// Returns the checksum of the companion.
-    ///
     /// # Errors
     /// [`LogError`] if the companion cannot be read.
     pub fn companion_checksum(&self) -> Result<Option<String>, LogError> {
@@ -230,18 +224,15 @@ impl Log {
         self.layout.columns.iter().map(|column| column.name.clone()).collect()
     }
 
-    /// Returns the number of sensor channels, 0 if there are none.
     pub fn channels(&self) -> usize {
         self.layout.roles.sensors.len()
     }
 
-    /// Returns the axes of the wrench in the log.
     pub fn axes(&self) -> Axes {
         let is_there = |axis: &Axis| self.layout.roles.wrench[axis.index()].is_some();
         Axis::ALL.into_iter().filter(is_there).collect()
     }
 
-    /// Returns true if the log has wrench columns.
     pub fn has_wrench(&self) -> bool {
         !self.axes().is_empty()
     }
@@ -272,7 +263,6 @@ impl Log {
         self.layout.roles.time.is_some() || self.layout.rate_hz.is_some()
     }
 
-    /// Returns true if the log has a column of group labels.
     pub fn has_groups(&self) -> bool {
         self.layout.roles.group.is_some()
     }
@@ -295,8 +285,8 @@ impl Log {
         }
     }
 
-    /// Returns true if equal consecutive readings are one frame logged repeatedly, because the robot's
-    /// telemetry runs faster than the sensor. In other formats they may be real samples.
+    /// Returns true if equal consecutive readings are one frame, because the robot's telemetry is faster than the
+    /// sensor. In other formats they may be real samples.
     pub fn repeats_are_stale(&self) -> bool {
         self.layout.header.format == LogFormat::Telemetry
     }
@@ -310,13 +300,12 @@ impl Log {
         positions(&names, references).map_err(|problem| self.error_in_names(problem))
     }
 
-    /// Returns the format of the table, if the log is a table in a binary file.
+    /// Returns the format of a binary table.
     pub fn table_kind(&self) -> Option<FileKind> {
         self.source.as_table().map(|table| table.kind)
     }
 
-    /// Returns notes on contents that the tables of the log and its companion leave out, and on decisions
-    /// made.
+    /// Returns notes on contents that the tables of the log and its companion leave out, and on decisions.
     pub fn notes(&self) -> Vec<&str> {
         let companion = self.source.companion.as_deref();
         let tables = [Some(&self.source), companion].into_iter().flatten();
@@ -331,12 +320,11 @@ impl Log {
         tables.any(|source| source.as_table().is_some_and(|table| table.is_cut_off))
     }
 
-    /// Returns the compression method, if the file is compressed.
     pub fn compression(&self) -> Option<&'static str> {
         self.source.compression()
     }
 
-    /// Returns the size of the file on disk in bytes.
+    /// Returns the size on disk in bytes.
     pub fn bytes(&self) -> u64 {
         self.source.bytes
     }
@@ -408,7 +396,6 @@ impl Log {
         Err(self.error_in_names(PlacedProblem::MissingColumns { missing, found }))
     }
 
-    /// Makes the error for a problem with column names.
     fn error_in_names(&self, problem: PlacedProblem) -> LogError {
         self.source.error_at(self.layout.header.names_line, problem)
     }

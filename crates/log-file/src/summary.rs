@@ -1,28 +1,26 @@
 //! Statistics of a scan through a log: its timing, and the ranges and suspicious values of its columns.
 //!
-//! Blocks are added in file order; memory does not grow with their number. The statistics do not depend on
-//! the meaning of the readings.
+//! Blocks are added in file order; memory does not grow with their number. No statistic depends on the meaning of the
+//! readings.
 
 use shell_data::Converter;
 use shell_data::block::Block;
 use shell_data::statistics::RunningVariance;
 
-/// The summary of the part of a log read so far.
+/// The summary of the rows read so far.
 #[derive(Clone, Debug, Default)]
 pub struct LogSummary {
     pub rows: u64,
     /// Number of rows whose readings equal those of the previous row.
     pub repeated_rows: u64,
-    /// Timing, if the log has time.
     pub timing: LogTiming,
-    /// Readings of each channel, in counts.
+    /// Readings in counts.
     pub readings: Vec<ColumnSummary>,
-    /// Axes of the wrench, in N and N·m.
+    /// Wrench in N and N·m.
     pub wrench: Vec<ColumnSummary>,
 }
 
 impl LogSummary {
-    /// Adds the next rows of the log.
     pub fn add(&mut self, block: &Block) {
         self.repeated_rows += block.repeated_rows() as u64;
         self.timing.add(&block.time_s, self.rows);
@@ -35,7 +33,7 @@ impl LogSummary {
         self.rows += block.rows as u64;
     }
 
-    /// Returns the number of frames per second that are not repeats, over the whole log; `None` without time.
+    /// Returns frames per second that are not repeats, over the whole log; `None` without time.
     pub fn fresh_rate_hz(&self) -> Option<f64> {
         let duration_s = self.timing.duration_s().filter(|&duration| duration > 0.0)?;
         let fresh = self.rows - self.repeated_rows;
@@ -43,25 +41,20 @@ impl LogSummary {
     }
 }
 
-/// The summary of one column of a log.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ColumnSummary {
     /// Number of values, at least one.
     pub rows: u64,
     pub min: f64,
     pub max: f64,
-    /// Number of rows with the largest value.
     pub rows_at_max: u64,
-    /// Number of rows with the second largest value.
     pub rows_below_max: u64,
-    /// Number of rows with the smallest value.
     rows_at_min: u64,
     below_max: f64,
-    /// Number of times that the column rose to its largest value from below the second largest: flicker does
-    /// not count.
+    /// Number of rises to the largest value from below the second largest: flicker does not count.
     rises_to_max: u64,
     last: f64,
-    /// The distinct values in order of appearance, up to one more than a quiet column has.
+    /// Distinct values in order of appearance, up to one more than a quiet column has.
     values: Vec<f64>,
     variance: RunningVariance,
 }
@@ -117,19 +110,17 @@ impl ColumnSummary {
         self.rows > 1 && self.min == self.max
     }
 
-    /// Returns true if the column is clipped at its largest value, at any level: at least one row in a
-    /// hundred and at least twenty rows have that value, three times as many as the second largest, and the
-    /// column reaches it at least three times. A signal that only turns around there is not clipped, nor is
-    /// one that rests there in one pose. A column with [few values](Self::quiet_values) is quiet, not
-    /// clipped.
+    /// Returns true if the column is clipped at its largest value, at any level: at least one row in a hundred and
+    /// at least twenty rows have that value, three times as many as the second largest, and the column reaches it at
+    /// least three times. A signal that only turns around or rests there in one pose is not clipped, nor is a column
+    /// with [few values](Self::quiet_values), which is quiet.
     pub fn is_pinned_at_max(&self) -> bool {
         let often = self.rows_at_max >= 20 && self.rows_at_max >= self.rows / 100;
         let returns = self.rises_to_max >= RISES && self.rows_at_max >= 3 * self.rows_below_max;
         self.values.len() > QUIET_VALUES && often && returns
     }
 
-    /// Returns the number of distinct values, if there are several but so few that the column flickers rather
-    /// than moves.
+    /// Returns the number of distinct values, if they are several but so few that the column only flickers.
     pub fn quiet_values(&self) -> Option<usize> {
         let is_quiet = self.rows >= 20 && (2..=QUIET_VALUES).contains(&self.values.len());
         is_quiet.then_some(self.values.len())
@@ -144,7 +135,6 @@ impl ColumnSummary {
         ends
     }
 
-    /// Returns the number of rows at an end of the converter's range.
     pub fn saturated_rows(&self) -> u64 {
         self.rows_at_ends().iter().map(|(_, rows)| rows).sum()
     }
@@ -153,17 +143,13 @@ impl ColumnSummary {
 /// A clipped signal reaches its limit repeatedly; the highest of several poses is reached once.
 const RISES: u64 = 3;
 
-/// A column with at most this many distinct values is one whose last digit flickers.
+/// The most distinct values of a column whose last digit flickers.
 const QUIET_VALUES: usize = 4;
 
-/// The times of a log, and the intervals between rows.
 #[derive(Clone, Debug, Default)]
 pub struct LogTiming {
-    /// The first time in s.
     pub start_s: Option<f64>,
-    /// The last time in s.
     pub end_s: Option<f64>,
-    /// Number of times that time runs backwards.
     pub backward_steps: u64,
     /// The row (from 0) at which it does so first.
     pub first_backward_row: Option<u64>,
@@ -175,9 +161,7 @@ pub struct LogTiming {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SampleInterval {
-    /// Length in s.
     pub length_s: f64,
-    /// Start time in s.
     pub start_s: f64,
     /// The row (from 0) at which it ends.
     pub row: u64,
@@ -186,7 +170,6 @@ pub struct SampleInterval {
 /// Gaps with missing rows: intervals of more than 1.5 times the median.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Gaps {
-    /// Number of gaps.
     pub count: u64,
     /// Number of rows that would fill the gaps at the median interval.
     pub missing_rows: u64,
@@ -222,7 +205,7 @@ impl LogTiming {
         Some(self.end_s? - self.start_s?)
     }
 
-    /// Returns the median interval in s, at most the longest one. The resolution is 1 µs up to 65 ms, and a
+    /// Returns the median interval in s, at most the longest. The resolution is 1 µs up to 65 ms, and a
     /// relative 3 × 10⁻⁵ above.
     pub fn median_interval_s(&self) -> Option<f64> {
         let longest = self.longest.map_or(f64::INFINITY, |longest| longest.length_s);
@@ -245,7 +228,6 @@ impl LogTiming {
         (rows > 0).then(|| (squares / rows as f64).sqrt() * 1e-6)
     }
 
-    /// Counts the intervals in which rows seem to be missing.
     pub fn gaps(&self) -> Gaps {
         let median = self.intervals.median().unwrap_or_default();
         let mut gaps = Gaps::default();
@@ -259,7 +241,6 @@ impl LogTiming {
     }
 }
 
-/// An interval of more than this many times the median is a gap.
 const GAP: f64 = 1.5;
 
 /// A histogram of integers in µs: one bin per value up to 2¹⁶, then 2¹⁵ bins per doubling.
@@ -284,7 +265,6 @@ impl IntervalHistogram {
         self.total += 1;
     }
 
-    /// Iterates over the non-empty bins: their central value, and their count.
     fn iter(&self) -> impl Iterator<Item = (f64, u64)> {
         let bins = self.counts.iter().enumerate().filter(|(_, count)| **count > 0);
         bins.map(|(bin, &count)| {

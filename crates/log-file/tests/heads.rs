@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use log_file::{Log, LogError, Mapping, ReadOptions, Wanted, parse_column};
 use shell_data::{Axis, Block};
 
-/// Opens a log with this text.
 fn open_with(text: &str, mapping: &Mapping) -> Result<Log, LogError> {
     Log::in_memory(Path::new("log.txt"), text.as_bytes().into(), mapping)
 }
@@ -14,7 +13,6 @@ fn open(text: &str) -> Log {
     open_with(text, &Mapping::default()).unwrap_or_else(|error| panic!("{error}\n{text}"))
 }
 
-/// Reads all rows of a log.
 fn rows(log: &Log) -> Block {
     let wanted = Wanted {
         time: log.has_time(),

@@ -1,5 +1,5 @@
-//! One recording in every supported format, written by commonly used programs (`fuzz/make_seeds.py`): the
-//! rows must be identical bit for bit.
+//! One recording in every supported format, written by common programs (`fuzz/make_seeds.py`): rows must be equal bit
+//! for bit.
 
 #![allow(
     clippy::disallowed_methods,
@@ -14,7 +14,6 @@ use log_file::{Log, LogError, Mapping, ReadOptions, Wanted};
 use shell_data::block::Block;
 use table_file::write::Cells;
 
-/// The folders with the files.
 const FOLDERS: [&str; 12] = [
     "text", "packed", "parquet", "matlab", "hdf5", "numpy", "ods", "xlsx", "mcap", "rosbag",
     "sqlite", "tdms",

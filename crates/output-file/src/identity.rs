@@ -17,7 +17,7 @@ pub(super) enum FileKey {
     Number(u64, u64),
 }
 
-/// Returns all keys of a file; two paths with a common key name the same file. `None` for devices,
+/// Returns all keys of a file; paths with a common key name the same file. `None` for devices,
 /// pipes and folders, which cannot be replaced.
 pub(super) fn keys(path: &Path) -> Option<Vec<FileKey>> {
     let metadata = fs::metadata(path).ok();

@@ -3,9 +3,9 @@
 //! [`Outputs`] refuses an output that would replace an input or another output, under any name. A
 //! file appears whole or not at all: a temporary file in the same folder ([`AtomicFile`]) replaces
 //! the target by a rename. It is not synced first: a result can be made again from its logs, and a
-//! sync takes longer than a fit. It is made when the output is opened, so a path that cannot be
-//! written is reported before the work. A replaced file keeps its permissions and the symbolic
-//! links to it. Devices and pipes are written directly.
+//! sync takes longer than a fit. It is made when the output is opened, to report an unwritable path
+//! before the work. A replaced file keeps its permissions and the symbolic links to it. Devices and
+//! pipes are written directly.
 
 #![allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "writes files")]
 
@@ -55,13 +55,10 @@ enum FileStage {
 pub enum OutputError {
     #[error("cannot write `{}`", path.display())]
     Failed { path: PathBuf, source: io::Error },
-    /// The output is a file that is read, under any name.
     #[error("the output `{}` would replace the input `{}`", path.display(), input.display())]
     IsInput { path: PathBuf, input: PathBuf },
-    /// The file is already an output, as `other`.
     #[error("two outputs would be written to one file, `{}`{}", path.display(), also(path, other))]
     Twice { path: PathBuf, other: PathBuf },
-    /// The path is `-`, the standard output; a recording needs a file.
     #[error("a recording is a file, and `-` stands for the standard output")]
     Stdout,
     /// The name has the extension of a binary table, which cannot be read until it is complete.
@@ -74,7 +71,6 @@ impl OutputError {
         Self::Failed { path: path.into(), source }
     }
 
-    /// Refuses the name of a binary table for frames as text.
     pub fn check_text(path: &Path) -> Result<(), Self> {
         let extension = path.extension().map(|it| it.to_string_lossy().to_lowercase());
         let is_binary = |extension: &str| ["mcap", "parquet", "mat", "npy"].contains(&extension);
@@ -195,7 +191,6 @@ pub struct AtomicFile {
 }
 
 impl AtomicFile {
-    /// Wraps the standard output, for data that is not printed line by line.
     pub fn stdout() -> Self {
         let stdout: Box<dyn Write + Send> = Box::new(io::stdout());
         Self { path: "standard output".into(), file: BufWriter::new(stdout), replacement: None }
@@ -259,7 +254,6 @@ impl AtomicFile {
         }
     }
 
-    /// Wraps a system error in one of the same kind that names the file.
     fn named(&self, error: io::Error) -> io::Error {
         io::Error::new(error.kind(), OutputError::failed(&self.path, error))
     }

@@ -1,9 +1,8 @@
 //! HTML reports of a batch of trials and of a calibration, with the command that reproduces them.
 //!
 //! A file needs no network: it contains the style, the script and the plotting library (plotly.js,
-//! MIT), and a content security policy forbids everything else. Text from files (names, conditions,
-//! notes, messages) is escaped in HTML (`markup`); in the JSON of the numbers, `<` becomes
-//! `\u003c`.
+//! MIT), and a content security policy forbids all else. Text from files (names, conditions, notes,
+//! messages) is escaped in HTML (`markup`); in the JSON of the numbers, `<` becomes `\u003c`.
 
 mod markup;
 mod numbers;
@@ -32,15 +31,14 @@ const MOST_TRACES: usize = 100;
 #[derive(Clone, Debug)]
 pub struct Report<'a> {
     pub heading: Heading<'a>,
-    /// The results, in the manifest's order, with a thinned trace of each log that is to be
-    /// plotted.
+    /// Results in the manifest's order, with a thinned trace of each log to be plotted.
     pub trials: &'a [TrialResult],
     /// Trials that could not be evaluated: file and reason.
     pub failed: &'a [(String, String)],
     pub conditions: &'a [ConditionRow],
     pub phases: &'a [(String, PhaseProfile)],
     pub settings: &'a [(String, String)],
-    /// The name and the content of the calibration file; `None` for logs without sensors.
+    /// Name and content of the calibration file; `None` for logs without sensors.
     pub calibration: Option<(&'a str, &'a CalibrationFile)>,
     /// Length of the robot, m, if known; used to shade entry and exit.
     pub robot_length_m: Option<f64>,
@@ -57,7 +55,6 @@ pub struct Input {
     pub role: String,
     pub path: String,
     pub bytes: u64,
-    /// The checksum from `log_file::checksum`.
     pub checksum: String,
 }
 

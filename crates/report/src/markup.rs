@@ -11,7 +11,6 @@ pub(super) fn figure(value: impl Into<Option<f64>>) -> String {
     significant(value, 4)
 }
 
-/// Like [`figure`], with the given number of digits.
 pub(super) fn significant(value: impl Into<Option<f64>>, digits: i32) -> String {
     let Some(value) = value.into().filter(|value| value.is_finite()) else {
         return "–".to_owned();
@@ -43,7 +42,6 @@ impl Column {
         Self::new(name, "text", cells)
     }
 
-    /// A column of texts that may wrap.
     pub(super) fn long(name: &str, cells: impl IntoIterator<Item: ToString>) -> Self {
         Self::new(name, "text long", cells)
     }
@@ -146,9 +144,9 @@ impl Heading<'_> {
 /// A section of a report: its anchor, its heading, and HTML, which is empty for an omitted section.
 pub(super) type PageSection = (&'static str, &'static str, String);
 
-/// The content of a file with the text `subtitle` below its title. `script` contains the script
-/// elements and a fallback for pages without scripts. The file needs no network, and a content
-/// security policy forbids everything that it does not contain.
+/// The content of a file with `subtitle` below its title. `script` contains the script elements and
+/// a fallback for pages without scripts. A content security policy forbids all that the file does
+/// not contain.
 pub(super) fn page(
     heading: Heading<'_>,
     subtitle: &str,

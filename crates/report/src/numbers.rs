@@ -59,8 +59,8 @@ impl Plots {
     }
 }
 
-/// Means with confidence intervals, of the conditions or of their differences from the reference.
-/// The quantity is drag energy or, without it, the first one available.
+/// Means with confidence intervals, of the conditions or of their differences from the reference,
+/// in drag energy or, without it, the first quantity available.
 fn effect(report: &Report<'_>) -> Option<Plot> {
     let mut found = Quantity::COMPARED.into_iter().map(|of| (of, report.of(of, Per::Trial)));
     let (quantity, rows) = found.find(|(_, rows)| !rows.is_empty())?;
@@ -140,7 +140,6 @@ fn boxes(report: &Report<'_>) -> Vec<Plot> {
     plots.filter_map(plot).collect()
 }
 
-/// The values behind a box, and the label of each.
 fn values<'a>(
     trials: &'a [TrialResult],
     condition: &str,

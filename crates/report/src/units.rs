@@ -4,7 +4,7 @@ use super::markup::{Column, significant};
 use shell_data::wrench::{Axes, Axis};
 use trial::{ConditionRow, Interval};
 
-/// The unit of a column: one prefix for all of its values.
+/// One prefix for all values of a column.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct ColumnUnit {
     pub(super) factor: f64,
@@ -34,8 +34,8 @@ impl ColumnUnit {
         }
     }
 
-    /// A value and its interval, `12.3 ± 0.4`, or `12.3 +0.5 −0.3` if the sides differ. The
-    /// interval has two digits, and the value the same number of decimals.
+    /// A value and its interval, `12.3 ± 0.4`, or `12.3 +0.5 −0.3` if the sides differ: two digits
+    /// of the interval, and as many decimals of the value.
     pub(super) fn estimate(&self, value: Option<f64>, interval: Option<Interval>) -> String {
         let value = value.map(|value| value * self.factor);
         let Some((value, interval)) = value.zip(interval) else { return significant(value, 3) };

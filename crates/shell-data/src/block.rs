@@ -1,44 +1,37 @@
-//! A run of consecutive log rows, column by column, in SI units. Memory does not grow with the
-//! length of a file, and inner loops run down contiguous columns.
+//! Consecutive log rows, column by column, in SI units. Memory does not grow with the length of a file, and inner
+//! loops run down contiguous columns.
 
-/// A range of consecutive frames with one label, such as the frames of a load that was held.
+/// Consecutive frames with one label, such as those of a load that was held.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FrameLabel {
-    /// The index of the first frame.
     pub from: i64,
     /// The index of the last frame.
     pub until: i64,
-    /// The label of the group.
     pub group: String,
 }
 
-/// The line numbers of a block's rows in the log.
+/// Line numbers of a block's rows in the log.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RowLines {
-    /// The line number of the block's first row.
     pub first: u64,
     /// Skipped lines: the row that they precede, and their number, in row order.
     pub passed: Vec<(usize, u64)>,
 }
 
 impl RowLines {
-    /// Returns the line number of a row.
     pub fn line(&self, row: usize) -> u64 {
         let before = self.passed.iter().take_while(|(next, _)| *next <= row);
         self.first + row as u64 + before.map(|(_, lines)| lines).sum::<u64>()
     }
 }
 
-/// A run of consecutive rows of a log. Columns that were not requested are empty.
+/// Consecutive rows of a log. Columns that were not requested are empty.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Block {
-    /// Number of rows.
     pub rows: usize,
-    /// Position of the block's text in the log, in bytes; unique within a log.
+    /// Position of the text in the log, in bytes; unique within a log.
     pub offset: u64,
-    /// Line numbers of the rows as they were read.
     pub lines: RowLines,
-    /// Time in s.
     pub time_s: Vec<f64>,
     /// Readings in counts, one column per channel, followed by
     /// [`memory_columns`](Self::memory_columns) columns of terms that a calibration adds.
@@ -50,11 +43,11 @@ pub struct Block {
     pub wrench: Vec<Vec<f64>>,
     /// Group labels, run-length encoded: label and number of rows, in row order.
     pub groups: Vec<(String, usize)>,
-    /// Weight of each row in a sum of squares; empty if all rows have equal weight, as in every log.
+    /// Weights in a sum of squares; empty if all are equal, as in every log.
     pub weights: Vec<f64>,
-    /// Additional columns requested by position, unconverted.
+    /// Columns requested by position, unconverted.
     pub others: Vec<Vec<f64>>,
-    /// Text columns requested by position, run-length encoded like the groups.
+    /// Text columns requested by position, run-length encoded.
     pub texts: Vec<Vec<(String, usize)>>,
     /// Readings of the row just before this block, `None` at the start of a log.
     pub readings_before: Option<Vec<f64>>,
@@ -66,7 +59,6 @@ impl Block {
         &self.readings[..self.readings.len() - self.memory_columns]
     }
 
-    /// Removes the memory columns.
     pub fn drop_memory(&mut self) {
         self.readings.truncate(self.readings.len() - self.memory_columns);
         self.memory_columns = 0;
@@ -87,8 +79,8 @@ impl Block {
         join(&mut self.texts, next.texts);
     }
 
-    /// Returns for each row whether its readings differ from the previous row's; the first row's
-    /// do. A log that runs faster than its sensor repeats frames.
+    /// Returns true for rows whose readings differ from the previous row's, and for the first row. A log that runs
+    /// faster than its sensor repeats frames.
     pub fn fresh_rows(&self) -> Vec<bool> {
         let channels = self.channels();
         let firsts = channels.iter().filter_map(|column| column.first());
@@ -99,7 +91,7 @@ impl Block {
         (0..self.rows).map(|row| if row == 0 { first } else { differs(row) }).collect()
     }
 
-    /// Counts the rows that are not fresh, see [`Block::fresh_rows`]; 0 without readings.
+    /// Counts the rows that are not [fresh](Self::fresh_rows); 0 without readings.
     pub fn repeated_rows(&self) -> usize {
         match self.readings.is_empty() {
             true => 0,

@@ -1,8 +1,7 @@
 //! Values per axis in JSON documents, which hold the calibrated [`Axes`] only.
 //!
-//! Use `#[serde(with = "by_axis")]` for a field, `by_axis::matrix` for a matrix and
-//! `by_axis::option` for an optional field. Serde cannot pass a document's axes on to its fields:
-//! [`among`] sets them while the document is read or written.
+//! Use `#[serde(with = "by_axis")]` for a field, `by_axis::matrix` for a matrix, `by_axis::option`
+//! for an option. Serde cannot pass a document's axes to its fields: [`among`] sets them meanwhile.
 
 use std::cell::Cell;
 
@@ -15,14 +14,14 @@ thread_local! {
     static AXES: Cell<Axes> = const { Cell::new(Axes::ALL) };
 }
 
-/// Runs `act`, which reads or writes a document with these axes on this thread. By default a
-/// document has all six axes.
+/// Runs `act`, which reads or writes a document with these axes on this thread. The default is all
+/// six.
 pub fn among<T>(axes: Axes, act: impl FnOnce() -> T) -> T {
     let _outside = Outside(AXES.replace(axes));
     act()
 }
 
-/// The previous axes, which are restored even if reading or writing panics.
+/// The previous axes, restored even after a panic.
 struct Outside(Axes);
 
 impl Drop for Outside {
@@ -31,7 +30,6 @@ impl Drop for Outside {
     }
 }
 
-/// Returns the axes of the document that this thread reads or writes.
 pub fn axes() -> Axes {
     AXES.get()
 }
@@ -88,10 +86,6 @@ impl<'de, T: Deserialize<'de> + Clone + Default> Deserialize<'de> for Row<T> {
     }
 }
 
-/// Serializes one value per axis.
-///
-/// # Errors
-/// Errors of the serializer.
 pub fn serialize<T: Serialize, S: Serializer>(
     values: &PerAxis<T>,
     serializer: S,
@@ -99,8 +93,6 @@ pub fn serialize<T: Serialize, S: Serializer>(
     Row(values.each_ref()).serialize(serializer)
 }
 
-/// Deserializes one value per axis.
-///
 /// # Errors
 /// Errors of the deserializer, and a number of values that differs from the number of axes.
 pub fn deserialize<'de, T: Deserialize<'de> + Clone + Default, D: Deserializer<'de>>(
@@ -113,7 +105,6 @@ pub fn deserialize<'de, T: Deserialize<'de> + Clone + Default, D: Deserializer<'
 pub mod matrix {
     use super::{Deserialize, Deserializer, PerAxis, Row, Serialize, Serializer};
 
-    /// Serializes the matrix.
     pub fn serialize<S: Serializer>(
         rows: &PerAxis<PerAxis<f64>>,
         serializer: S,
@@ -121,7 +112,6 @@ pub mod matrix {
         Row(rows.map(Row)).serialize(serializer)
     }
 
-    /// Deserializes the matrix.
     pub fn deserialize<'de, D: Deserializer<'de>>(
         deserializer: D,
     ) -> Result<PerAxis<PerAxis<f64>>, D::Error> {
@@ -129,11 +119,9 @@ pub mod matrix {
     }
 }
 
-/// One value per axis, or `None`.
 pub mod option {
     use super::{Deserialize, Deserializer, PerAxis, Row, Serialize, Serializer};
 
-    /// Serializes the values.
     pub fn serialize<T: Serialize, S: Serializer>(
         values: &Option<PerAxis<T>>,
         serializer: S,
@@ -141,7 +129,6 @@ pub mod option {
         values.as_ref().map(|values| Row(values.each_ref())).serialize(serializer)
     }
 
-    /// Deserializes the values.
     pub fn deserialize<'de, T: Deserialize<'de> + Clone + Default, D: Deserializer<'de>>(
         deserializer: D,
     ) -> Result<Option<PerAxis<T>>, D::Error> {

@@ -3,20 +3,18 @@
 /// The range of a converter, in counts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Converter {
-    /// The lowest reading: 0, or minus half the range for a signed converter.
+    /// 0, or minus half the range for a signed converter.
     pub low: f64,
-    /// The highest reading.
     pub high: f64,
 }
 
 impl Converter {
-    /// Makes a converter with readings from 0 to `high`.
     pub const fn new(high: f64) -> Self {
         Self { low: 0.0, high }
     }
 
-    /// Returns the smallest usual converter (12, 16, 24 or 32 bits) whose range contains `min` to
-    /// `max`; it is signed if `min` is negative. `None` for fractions such as volts, whose range is
+    /// Returns the smallest usual converter (12, 16, 24 or 32 bits) with `min` to `max` in its
+    /// range; signed if `min` is negative. `None` for fractions such as volts, whose range is
     /// unknown.
     pub fn of_extremes(min: f64, max: f64) -> Option<Self> {
         let is_whole = |value: f64| value.fract() == 0.0;
@@ -34,8 +32,8 @@ impl Converter {
         converters.into_iter().find(|of| of.low <= min && max <= of.high)
     }
 
-    /// Returns true if a reading is at an end of the range, or NaN. A negative reading comes from a
-    /// signed converter, so it is not at the end of a range from 0.
+    /// Returns true at an end of the range, or for NaN. A negative reading comes from a signed
+    /// converter, so it is not at the end of a range from 0.
     pub fn is_at_end(self, reading: f64) -> bool {
         let is_low = if self.low < 0.0 { reading <= self.low } else { reading == 0.0 };
         is_low || reading >= self.high || reading.is_nan()

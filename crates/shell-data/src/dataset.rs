@@ -1,8 +1,7 @@
 //! All rows of one or more logs, or of arrays, in memory.
 //!
-//! Rows stay in the blocks that they were read in, and derived data sets share them: leaving out
-//! rows copies only the blocks that contain them. Results that depend on block boundaries do not
-//! depend on the source of the rows.
+//! Rows stay in the blocks that they were read in, and derived data sets share them: leaving out rows copies only
+//! their blocks. Results that depend on block boundaries do not depend on the source.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -16,62 +15,53 @@ use crate::wrench::Axes;
 /// Number of rows per block of arrays.
 pub const BLOCK_ROWS: usize = 4096;
 
-/// Number of rows in a sample, and number of parts of the recording that it is taken from.
+/// Rows of a sample, and parts of the recording that it is taken from.
 const SAMPLE_ROWS: usize = 1024;
 const SAMPLE_PARTS: usize = 16;
 
 /// Labels in row order, each with the number of its rows.
 pub type LabelRuns = Vec<(String, usize)>;
 
-/// A summary of reading a whole log.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ReadSummary {
-    /// Number of rows read.
     pub rows: u64,
-    /// Number of rows whose readings equal those of the previous row; 0 if readings were not requested.
+    /// Rows whose readings equal those of the previous row; 0 if they were not requested.
     pub repeated_rows: u64,
-    /// Number of invalid rows that were left out, including an incomplete last row.
+    /// Invalid rows that were left out, including an incomplete last row.
     pub skipped_rows: u64,
-    /// The checksum of the file on disk, if requested.
+    /// Checksum of the file on disk, if requested.
     pub checksum: Option<String>,
 }
 
-/// Rows of readings and wrench in memory, by log.
+/// Readings and wrench in memory, by log.
 #[derive(Clone, Debug, Default)]
 pub struct Dataset {
-    /// The logs, in the order given.
     pub logs: Vec<LogRows>,
 }
 
-/// The rows of one log.
 #[derive(Clone, Debug, Default)]
 pub struct LogRows {
-    /// The name of the log in messages, usually its path.
+    /// Name in messages, usually the path.
     pub name: PathBuf,
-    /// Axes of the wrench in the log; the others are zero.
+    /// Axes of the wrench; the others are zero.
     pub axes: Axes,
-    /// Number of channels.
     pub channels: usize,
-    /// True if rows have group labels.
     pub has_groups: bool,
-    /// True if the sample contains only rows from the start of the log.
+    /// True if the sample has only rows from the log's start.
     pub is_sampled_at_start: bool,
-    /// A few rows from all parts of the log.
+    /// Rows from all parts of the log.
     pub sample: Block,
-    /// The summary of reading the log.
     pub summary: ReadSummary,
-    /// Line numbers of the rows, by the offset of their block.
+    /// Line numbers of rows, by the offset of their block.
     pub lines: HashMap<u64, RowLines>,
-    /// The rows.
     pub blocks: Vec<LabelledBlock>,
 }
 
-/// A block of rows with their labels, which may differ from the labels in the log.
+/// Rows with labels that may differ from those in the log.
 #[derive(Clone, Debug, Default)]
 pub struct LabelledBlock {
-    /// The rows; their own labels are ignored.
+    /// Rows, whose own labels are ignored.
     pub rows: Arc<Block>,
-    /// The group labels.
     pub labels: Arc<LabelRuns>,
 }
 
@@ -82,7 +72,7 @@ impl From<Block> for LabelledBlock {
     }
 }
 
-/// A set of rows, each given by its log, its block's offset and its index in the block as read.
+/// Rows by log, offset of the block, and index in the block as read.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RowSet(HashMap<(usize, u64), Vec<usize>>);
 
@@ -97,27 +87,24 @@ impl FromIterator<(usize, u64, usize)> for RowSet {
 }
 
 impl RowSet {
-    /// Returns true if the set is empty.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 
-    /// Returns true if the set contains a row.
     pub fn contains(&self, log: usize, offset: u64, row: usize) -> bool {
         self.0.get(&(log, offset)).is_some_and(|rows| rows.contains(&row))
     }
 }
 
 impl Dataset {
-    /// Returns the fingerprint of the rows of all logs.
     pub fn fingerprint(&self) -> Fingerprint {
         let mut fingerprint = Fingerprint::default();
         self.blocks().for_each(|(_, block)| fingerprint.merge(Fingerprint::new(&block.rows)));
         fingerprint
     }
 
-    /// Makes a data set from blocks of arrays, each with [`BLOCK_ROWS`] rows except the last:
-    /// readings, six wrench columns, and optionally labels and weights.
+    /// Makes a data set from blocks of [`BLOCK_ROWS`] rows, except the last: readings, six wrench columns, and
+    /// optionally labels and weights.
     pub fn from_blocks(name: impl Into<PathBuf>, axes: Axes, mut blocks: Vec<Block>) -> Self {
         let mut start = 0;
         for block in &mut blocks {
@@ -143,13 +130,12 @@ impl Dataset {
         self.logs.first().map_or(0, |log| log.channels)
     }
 
-    /// Returns the number of memory terms per channel.
+    /// Returns the number of terms per channel.
     pub fn memory_terms(&self) -> usize {
         let columns = self.blocks().next().map_or(0, |(_, block)| block.rows.memory_columns);
         columns / self.channels().max(1)
     }
 
-    /// Returns the number of rows.
     pub fn rows(&self) -> u64 {
         self.logs.iter().map(LogRows::rows).sum()
     }
@@ -171,12 +157,10 @@ impl Dataset {
         Self { logs: self.logs.iter_mut().map(take).collect() }
     }
 
-    /// Returns true if any rows have weights.
     pub fn has_weights(&self) -> bool {
         self.blocks().any(|(_, block)| !block.rows.weights.is_empty())
     }
 
-    /// Returns the data without memory columns.
     #[must_use]
     pub fn without_memory(&self) -> Self {
         let mut data = self.clone();
@@ -191,8 +175,7 @@ impl Dataset {
         data
     }
 
-    /// Returns the rows that are not in `excluded` and, if `fresh`, whose readings differ from
-    /// those of the previous row.
+    /// Returns the rows that are not in `excluded` and, if `fresh`, differ from the previous row in readings.
     #[must_use]
     pub fn select(&self, fresh: bool, excluded: &RowSet) -> Self {
         if !fresh && excluded.is_empty() {
@@ -207,7 +190,6 @@ impl Dataset {
 }
 
 impl LogRows {
-    /// Returns the number of rows.
     pub fn rows(&self) -> u64 {
         self.blocks.iter().map(|block| block.rows.rows as u64).sum()
     }

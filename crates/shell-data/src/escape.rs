@@ -1,6 +1,6 @@
 //! Escaping text for other languages, with one function per language. Names of files, columns,
-//! groups and sensors may contain any characters; each function returns text that its language
-//! reads as data, and as the original where the language can represent it.
+//! groups and sensors may contain any characters; the result is data in its language, and reads as
+//! the original where that can represent it.
 
 use std::borrow::Cow;
 use std::fmt::Write;
@@ -45,8 +45,8 @@ pub fn terminal(text: &str) -> Cow<'_, str> {
     replace(text, is_invisible, |character, out| out.extend(character.escape_default()))
 }
 
-/// Escapes a JSON document for a terminal: invisible characters within strings are escaped; line
-/// ends and indentation of the document stay.
+/// Escapes a JSON document for a terminal: invisible characters in strings, not its line ends and
+/// indentation.
 pub fn json(document: &str) -> Cow<'_, str> {
     let is_special = |character| character != '\n' && is_invisible(character);
     replace(document, is_special, |character, out| {
@@ -56,7 +56,7 @@ pub fn json(document: &str) -> Cow<'_, str> {
     })
 }
 
-/// Escapes a JSON document for an HTML `script` element, so that it cannot end the element.
+/// Escapes a JSON document for an HTML `script` element, which it cannot end.
 pub fn script_json(document: &str) -> Cow<'_, str> {
     let is_special = |character| matches!(character, '<' | '\u{2028}' | '\u{2029}');
     replace(document, is_special, |character, out| {
@@ -64,8 +64,8 @@ pub fn script_json(document: &str) -> Cow<'_, str> {
     })
 }
 
-/// Returns true if a character changes the direction of the text after it, so that a page shows
-/// something else than it contains.
+/// Returns true if a character changes the direction of text: a page shows something else than it
+/// contains.
 const fn turns(character: char) -> bool {
     matches!(character, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }
@@ -107,8 +107,8 @@ pub fn matlab_comment(text: &str) -> Cow<'_, str> {
     replace(text, is_invisible, |_, out| out.push('\u{fffd}'))
 }
 
-/// Formats a CSV field (RFC 4180), quoted if necessary. It is also quoted if it has blanks at its
-/// ends or contains another separator, which a reader might misinterpret.
+/// Formats a CSV field (RFC 4180), quoted if necessary, or if blanks at its ends or another
+/// separator might be misread.
 pub fn csv_field(text: &str) -> Cow<'_, str> {
     let is_plain = !text.contains([',', '"', '\n', '\r', ';', '|', '\t']) && text.trim() == text;
     match is_plain {

@@ -21,25 +21,23 @@ impl fmt::Display for Fingerprint {
 }
 
 impl Fingerprint {
-    /// Computes the fingerprint of the readings and wrenches in a block.
     pub fn new(block: &Block) -> Self {
         fingerprint(block)
     }
 
-    /// Returns the number of rows.
     pub fn rows(&self) -> u64 {
         self.rows
     }
 
-    /// Adds the rows of `other`; the order of rows and of parts has no effect.
+    /// Adds rows; the order of rows and of parts has no effect.
     pub fn merge(&mut self, other: Self) {
         self.rows += other.rows;
         self.sum = self.sum.wrapping_add(other.sum);
         self.squares = self.squares.wrapping_add(other.squares);
     }
 
-    /// Returns the indices of the first log that has the same rows as an earlier one: the earlier
-    /// log, then the copy.
+    /// Returns the indices of the first log with the same rows as an earlier one: the earlier, the
+    /// copy.
     pub fn first_copy(logs: &[Self]) -> Option<(usize, usize)> {
         let copy_of = |(later, fingerprint): (usize, &Self)| {
             let earlier = logs[..later].iter().position(|earlier| earlier == fingerprint);

@@ -1,16 +1,13 @@
-//! Hints on how to fix an error: the flag, the file or the column. A hint is defined next to its
-//! error; an error that only wraps another returns that one's hint.
+//! Hints on how to fix an error: the flag, the file or the column. They are defined next to their
+//! errors; an error that only wraps another returns that one's hint.
 
 use std::error::Error;
 use std::fmt::Display;
 
-/// An error that may suggest the next step.
 pub trait Hint {
-    /// Returns the next step, if one is known.
     fn hint(&self) -> Option<String>;
 }
 
-/// Formats an error with its causes, one after the other.
 pub fn with_causes(error: &dyn Error) -> String {
     let text = error.to_string();
     match error.source().map(with_causes) {
@@ -25,11 +22,11 @@ pub fn quoted(names: impl IntoIterator<Item = impl Display>, between: &str) -> S
     names.into_iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(between)
 }
 
-/// The hint for a log whose number of channels differs from the calibration's.
+/// Hint for a log whose number of channels differs from the calibration's.
 pub const OTHER_CHANNELS: &str = "name the sensor columns of the log with `--sensors`, or use the calibration \
                                   of this sensor";
 
-/// Returns the known name that is most similar to `name`, if any is: for names that were mistyped.
+/// Returns the known name most similar to a mistyped one, if any is.
 pub fn suggest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let name = name.to_lowercase();
     let likeness = |known: &str| strsim::jaro_winkler(&name, &known.to_lowercase());
@@ -39,7 +36,6 @@ pub fn suggest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Opti
     best.map(|(_, known)| known)
 }
 
-/// Formats `, did you mean …?` if a similar name is known.
 pub fn did_you_mean<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> String {
     suggest(name, known).map_or_else(String::new, |known| format!(", did you mean `{known}`?"))
 }

@@ -1,6 +1,5 @@
-//! The vector instructions in use: by default the widest that the processor has. The environment
-//! variable [`VARIABLE`] names narrower ones for a test or benchmark; results are identical bit for
-//! bit.
+//! Vector instructions: by default the widest of the processor. The environment variable
+//! [`VARIABLE`] names narrower ones for a test or benchmark; results are equal bit for bit.
 
 use std::sync::LazyLock;
 
@@ -11,7 +10,7 @@ pub use pulp::{Simd, WithSimd};
 /// Variable that names an instruction set: `avx512`, `avx2`, `neon`, or `none` for the common set.
 pub const VARIABLE: &str = "SHELLCAL_INSTRUCTIONS";
 
-/// Returns the instruction sets of this processor, widest first.
+/// Returns the processor's sets, widest first.
 pub fn available() -> Vec<(&'static str, Arch)> {
     let mut sets = Vec::new();
     #[cfg(target_arch = "x86_64")]
@@ -25,7 +24,7 @@ pub fn available() -> Vec<(&'static str, Arch)> {
     sets
 }
 
-/// Returns the instruction set that the environment names, or the widest if it names none.
+/// Returns the set that the environment names, or the widest if it names none.
 ///
 /// # Errors
 /// A message if the name is unknown or this processor lacks the set.
@@ -42,18 +41,17 @@ pub fn chosen() -> Result<Arch, String> {
     }
 }
 
-/// Returns the instruction set in use: [`chosen`], or the widest if that fails.
+/// Returns the set in use: [`chosen`], or the widest if that fails.
 #[inline]
 pub fn arch() -> Arch {
     static CHOSEN: LazyLock<Arch> = LazyLock::new(|| chosen().unwrap_or_default());
     *CHOSEN
 }
 
-/// Defines functions whose loops are compiled for the vectors of every instruction set, and run
-/// with those of [`arch`].
+/// Defines functions that are compiled for every instruction set, and run with that of [`arch`].
 ///
-/// The body is inlined into code for each set, with the functions that it calls if they are
-/// `#[inline(always)]`. A closure may remain a separate function without wide vectors.
+/// The body is inlined into code for each set, with the `#[inline(always)]` functions that it
+/// calls. A closure may remain a separate function without wide vectors.
 ///
 /// ```
 /// shell_data::vectorised! {

@@ -1,5 +1,3 @@
-//! Locks that stay usable after a panic.
-
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Locks `mutex`, even if it is poisoned: for values that stay valid after a panic, or whose panic

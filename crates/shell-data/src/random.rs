@@ -1,47 +1,36 @@
 //! Random numbers that are identical bit for bit on every machine.
 //!
-//! The generator is ChaCha with 8 rounds, keyed by a seed and a purpose: two purposes never share
-//! numbers. Normal deviates come from the Box–Muller transform (Box & Muller, Ann. Math. Statist.
-//! 29, 610, 1958) over `libm`, as the standard library's logarithm and sine differ between
-//! platforms.
+//! The generator is ChaCha with 8 rounds, keyed by a seed and a purpose: two purposes never share numbers. Normal
+//! deviates come from the Box–Muller transform (Box & Muller, Ann. Math. Statist. 29, 610, 1958) over `libm`, as the
+//! standard library's logarithm and sine differ between platforms.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
-/// The purpose of a stream of random numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Purpose {
-    /// Variation from unit to unit.
     Unit = 1,
     /// Variation from recording to recording: light, warmth, mounting.
     Session = 2,
-    /// Noise of the eight readings.
     Readings = 3,
-    /// Noise of the reference sensor.
     Reference = 4,
-    /// Poses of a training recording.
     TrainingPoses = 5,
-    /// Poses of a test recording.
     TestPoses = 6,
     /// Variation of the reference sensor's mounting from recording to recording.
     Mounting = 7,
-    /// Frames that are lost in transmission.
     Losses = 8,
-    /// Effects of a radio on packets.
     Radio = 9,
-    /// Bootstrap resampling.
     Bootstrap = 10,
     /// Variation from trial to trial of the virtual robot.
     Trial = 11,
-    /// Behaviour of the virtual robot's leg controller.
+    /// The virtual robot's leg controller.
     Controller = 12,
-    /// Noise of the virtual robot's telemetry.
+    /// The virtual robot's telemetry.
     Telemetry = 13,
-    /// The poses of a session that are held out, and the order of the others.
+    /// Held-out poses of a session, and the order of the others.
     Replay = 14,
 }
 
-/// A stream of random numbers.
 #[derive(Clone, Debug)]
 pub struct RandomStream {
     generator: ChaCha8Rng,
@@ -49,7 +38,7 @@ pub struct RandomStream {
 }
 
 impl RandomStream {
-    /// Makes the stream of `seed` for `purpose`; `index` distinguishes streams with the same purpose.
+    /// Makes the stream for a purpose; `index` distinguishes streams with the same purpose.
     pub fn new(seed: u64, purpose: Purpose, index: u64) -> Self {
         let mut key = [0; 32];
         key[..8].copy_from_slice(&seed.to_le_bytes());
@@ -65,7 +54,6 @@ impl RandomStream {
         ((self.generator.next_u64() >> 11) as f64 + 0.5) * CELL
     }
 
-    /// Returns a number between `low` and `high`.
     pub fn between(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.uniform()
     }

@@ -13,13 +13,11 @@
 
 use crate::vectorised;
 
-/// Number, mean and sum of squared deviations of values. The default is the identity of
-/// [`merge`](Self::merge), which is commutative and associative up to rounding.
+/// Number, mean and sum of squared deviations. The default is the identity of [`merge`](Self::merge), which is
+/// commutative and associative up to rounding.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RunningVariance {
-    /// Number of values.
     pub count: u64,
-    /// Mean of the values.
     pub mean: f64,
     /// Sum of squared deviations from the mean.
     pub squares: f64,
@@ -66,7 +64,7 @@ impl MergeWeights {
 }
 
 impl RunningVariance {
-    /// Computes the statistics of the values in `column`, in two passes.
+    /// Computes the statistics in two passes.
     pub fn new(column: &[f64]) -> Self {
         variance(column)
     }
@@ -90,7 +88,6 @@ impl RunningVariance {
         }
     }
 
-    /// Adds the values of `other`.
     pub fn merge(&mut self, other: &RunningVariance) {
         if other.count == 0 {
             return;

@@ -1,50 +1,32 @@
 //! The columns of a robot's telemetry and their usual names.
 
-/// A column of telemetry.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Telemetry {
-    /// Position of the right legs.
     RightLeg,
-    /// Position of the left legs.
     LeftLeg,
-    /// Duty of the right motor.
     RightDuty,
-    /// Duty of the left motor.
     LeftDuty,
-    /// Back EMF of the right motor.
     RightBackEmf,
-    /// Back EMF of the left motor.
     LeftBackEmf,
-    /// Battery voltage.
     Battery,
     /// Current of both motors, or of the whole robot.
     Current,
-    /// Current of the right motor.
     RightCurrent,
-    /// Current of the left motor.
     LeftCurrent,
     /// Electrical power of both motors, or of the whole robot.
     Power,
-    /// Electrical power of the right motor.
     RightPower,
-    /// Electrical power of the left motor.
     LeftPower,
-    /// Angular rate about x.
     GyroX,
-    /// Angular rate about y.
     GyroY,
-    /// Angular rate about z.
     GyroZ,
-    /// Acceleration along x.
     AccelerationX,
-    /// Acceleration along y.
     AccelerationY,
-    /// Acceleration along z.
     AccelerationZ,
 }
 
-/// Columns with their names for people and in logs, in lower case without spaces and punctuation;
-/// the lab's own come first. `gryoy` is misspelt in some of its logs.
+/// Names for people and in logs, in lower case without spaces and punctuation; the lab's own come
+/// first. `gryoy` is misspelt in some of its logs.
 const COLUMNS: [(Telemetry, &str, &str); 19] = {
     use Telemetry::*;
     [
@@ -71,16 +53,15 @@ const COLUMNS: [(Telemetry, &str, &str); 19] = {
 };
 
 impl Telemetry {
-    /// The columns from which the electrical power of the motors is computed.
+    /// Columns for the electrical power of the motors.
     pub const MOTORS: [Self; 5] =
         [Self::RightDuty, Self::LeftDuty, Self::RightBackEmf, Self::LeftBackEmf, Self::Battery];
 
-    /// Returns the name for people.
     pub const fn name(self) -> &'static str {
         COLUMNS[self as usize].1
     }
 
-    /// Returns the column with this name in lower case, without spaces and punctuation.
+    /// Finds a column by its name in lower case, without spaces and punctuation.
     pub fn from_name(plain: &str) -> Option<Self> {
         let is_named = |spellings: &str| spellings.split(' ').any(|spelling| spelling == plain);
         COLUMNS.into_iter().find(|(_, _, spellings)| is_named(spellings)).map(|(column, ..)| column)

@@ -1,33 +1,29 @@
-//! Units of measurement as people write them: `N`, `mN·m`, `lbf-in`, `mm.N`, `kgf cm`, `m/s^2`,
-//! `milliseconds`.
+//! Units of measurement as people write them: `N`, `mN·m`, `lbf-in`, `mm.N`, `kgf cm`, `m/s^2`, `milliseconds`.
 //!
-//! A unit is a product of symbols with prefixes and exponents. Factors are separated by any mark or
-//! by none: `N-m`, `N m`, `N.m`, `N*m`, `N·m` and `Nm` are the same unit. A digit after a `-` is an
-//! exponent (`m s-2`). Case distinguishes `MN` from `mN`; if nothing matches otherwise (`fx_n`,
-//! `LBF`), the case of symbols is ignored, not that of prefixes. The expected quantity resolves the
-//! remaining ambiguity: `nm` is a moment, `g` an acceleration or, as a force, the weight of a gram,
-//! like other masses (`kg`, `lb`, `oz`). Units of other quantities, such as `N/mm` for a moment,
+//! A unit is a product of symbols with prefixes and exponents. Any mark or none separates factors: `N-m`, `N m`,
+//! `N.m`, `N*m`, `N·m` and `Nm` are the same unit. A digit after a `-` is an exponent (`m s-2`). Case distinguishes
+//! `MN` from `mN`; if nothing matches otherwise (`fx_n`, `LBF`), the case of symbols is ignored, not that of
+//! prefixes. The expected quantity resolves the rest: `nm` is a moment, `g` an acceleration or, as a force, the
+//! weight of a gram, like other masses (`kg`, `lb`, `oz`). Units of other quantities, such as `N/mm` for a moment,
 //! are rejected.
 
 use crate::wrench::Axis;
 
-/// A quantity that has a unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quantity {
-    /// In N.
+    /// Force, N.
     Force,
-    /// In N·m.
+    /// Moment, N·m.
     Moment,
-    /// In s.
+    /// Time, s.
     Time,
-    /// In rad.
+    /// Angle, rad.
     Angle,
-    /// In m/s².
+    /// Acceleration, m/s².
     Acceleration,
 }
 
 impl Quantity {
-    /// Returns the quantity of an axis of the wrench.
     pub const fn of_axis(axis: Axis) -> Self {
         if axis.is_moment() { Self::Moment } else { Self::Force }
     }
@@ -62,8 +58,8 @@ const ANGLE: Dimension = [0, 0, 0, 1];
 const FORCE: Dimension = [1, 1, -2, 0];
 const ACCELERATION: Dimension = [0, 1, -2, 0];
 
-/// A conversion of values to SI units: `value · times / per`. Powers of ten below one are divisors:
-/// a division rounds correctly, a multiplication by the inverse does not.
+/// A conversion to SI units: `value · times / per`. Powers of ten below one are divisors: a division rounds
+/// correctly, a multiplication by the inverse does not.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scale {
     /// A factor, 1 for the metric units.
@@ -73,7 +69,6 @@ pub struct Scale {
 }
 
 impl Scale {
-    /// The scale of the SI unit.
     pub const ONE: Self = Self { times: 1.0, per: 1.0 };
 
     /// Returns the scale of a unit that is `per` times smaller than the SI unit.
@@ -81,23 +76,19 @@ impl Scale {
         Self { times: 1.0, per }
     }
 
-    /// Converts a value to SI units.
     pub fn to_si(self, value: f64) -> f64 {
         value * self.times / self.per
     }
 }
 
-/// A unit of a quantity.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Unit {
     /// The standard spelling: `mN·m`, `lbf·in`.
     pub symbol: String,
-    /// The conversion to SI units.
     pub scale: Scale,
 }
 
 impl Unit {
-    /// Parses a unit of this quantity; `None` if `text` is not one.
     pub fn parse(text: &str, quantity: Quantity) -> Option<Self> {
         let time = || text.split(" since ").next().unwrap_or(text);
         let text = if quantity == Quantity::Time { time() } else { text };
@@ -206,7 +197,7 @@ impl Product {
         Self::new((dimension, self.times * other.times, self.tens + other.tens), symbol)
     }
 
-    /// Makes the unit; for a weight, the unit of the weight of the mass, which is shown as `kgf`.
+    /// Makes the unit; a mass as a weight is shown as `kgf`.
     fn unit(&self, is_weight: bool) -> Unit {
         let (mut times, mut symbol) = (self.times, self.symbol.clone());
         if is_weight {

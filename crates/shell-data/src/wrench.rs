@@ -1,9 +1,9 @@
-//! The wrench on the shell: the one definition of axis order, names and units. Frame: x forward, y
-//! left, z up. Forces in N, moments in N·m. *Drag* is −Fx, *lift* is Fz.
+//! The wrench on the shell: axis order, names and units. Frame: x forward, y left, z up. Forces in N, moments in N·m.
+//! *Drag* is −Fx, *lift* is Fz.
 
 use std::fmt;
 
-/// One axis of the wrench, in the order used everywhere.
+/// An axis of the wrench, in the order used everywhere.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Axis {
     /// Force forward, N.
@@ -21,30 +21,26 @@ pub enum Axis {
 }
 
 impl Axis {
-    /// All six axes, in order.
     pub const ALL: [Axis; 6] = [Axis::Fx, Axis::Fy, Axis::Fz, Axis::Mx, Axis::My, Axis::Mz];
 
-    /// Returns the position in [`Axis::ALL`].
     pub const fn index(self) -> usize {
         self as usize
     }
 
-    /// Returns the name for people: `Fx` … `Mz`.
+    /// Returns `Fx` … `Mz`, for people.
     pub const fn name(self) -> &'static str {
         ["Fx", "Fy", "Fz", "Mx", "My", "Mz"][self.index()]
     }
 
-    /// Returns the name of columns and fields in files, with the SI unit: `fx_n` … `mz_nm`.
+    /// Returns `fx_n` … `mz_nm`, for columns and fields in files.
     pub const fn column(self) -> &'static str {
         ["fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"][self.index()]
     }
 
-    /// Returns the symbol of the SI unit.
     pub const fn unit(self) -> &'static str {
         if self.is_moment() { "N·m" } else { "N" }
     }
 
-    /// Returns true if the axis is a moment.
     pub const fn is_moment(self) -> bool {
         matches!(self, Axis::Mx | Axis::My | Axis::Mz)
     }
@@ -56,11 +52,11 @@ pub type PerAxis<T> = [T; 6];
 /// Standard errors of a load that is a force at a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoadErrors {
-    /// Standard error of the magnitude, N.
+    /// Error of the magnitude, N.
     pub force_n: f64,
-    /// Standard error of the direction, about either perpendicular, rad.
+    /// Error of the direction, about either perpendicular, rad.
     pub angle_rad: f64,
-    /// Standard error of each coordinate of the point, m.
+    /// Error of each coordinate of the point, m.
     pub lever_m: f64,
 }
 
@@ -70,7 +66,6 @@ pub fn force_at(force: [f64; 3], point: [f64; 3]) -> PerAxis<f64> {
     [fx, fy, fz, mx, my, mz]
 }
 
-/// Returns the vector product `a × b`.
 pub fn cross([ax, ay, az]: [f64; 3], [bx, by, bz]: [f64; 3]) -> [f64; 3] {
     [ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx]
 }
@@ -81,63 +76,52 @@ pub fn cross([ax, ay, az]: [f64; 3], [bx, by, bz]: [f64; 3]) -> [f64; 3] {
 pub struct Axes(u8);
 
 impl Axes {
-    /// All six axes.
     pub const ALL: Self = Self(0b11_1111);
-    /// The empty set.
     pub const NONE: Self = Self(0);
 
-    /// Returns true if the set contains an axis.
     pub const fn contains(self, axis: Axis) -> bool {
         self.0 & 1 << axis.index() != 0
     }
 
-    /// Returns true if the set contains all of `others`.
+    /// Returns true for a superset of `others`.
     pub const fn contain(self, others: Self) -> bool {
         others.0 & !self.0 == 0
     }
 
-    /// Returns the axes in order.
     pub fn iter(self) -> impl DoubleEndedIterator<Item = Axis> + Clone {
         Axis::ALL.into_iter().filter(move |axis| self.contains(*axis))
     }
 
-    /// Returns the number of axes.
     pub const fn count(self) -> usize {
         self.0.count_ones() as usize
     }
 
-    /// Returns true if the set is empty.
     pub const fn is_empty(self) -> bool {
         self.0 == 0
     }
 
-    /// Returns true if the set contains all six axes.
     pub const fn are_all(self) -> bool {
         self.0 == Self::ALL.0
     }
 
-    /// Returns the intersection with `others`.
     pub const fn and(self, others: Self) -> Self {
         Self(self.0 & others.0)
     }
 
-    /// Returns the axes that are not in `others`.
     pub const fn without(self, others: Self) -> Self {
         Self(self.0 & !others.0)
     }
 
-    /// Returns the values of the axes in the set.
     pub fn of<T: Clone>(self, values: &PerAxis<T>) -> Vec<T> {
         self.iter().map(|axis| values[axis.index()].clone()).collect()
     }
 
-    /// Returns the values of the axes in the set, each with its axis.
     pub fn values<T: Clone>(self, values: &PerAxis<T>) -> AxisValues<T> {
         self.iter().map(|axis| (axis, values[axis.index()].clone())).collect()
     }
 
-    /// Returns `values`, one for each axis in the set, at the positions of their axes and `absent`
-    /// at the others. `None` if their number is not that of the axes.
+    /// Returns `values`, one per axis in the set, at the positions of their axes and `absent` elsewhere. `None` if
+    /// their number is not that of the axes.
     pub fn spread<T: Clone>(self, values: Vec<T>, absent: &T) -> Option<PerAxis<T>> {
         if values.len() != self.count() {
             return None;
@@ -149,7 +133,6 @@ impl Axes {
         Some(spread)
     }
 
-    /// Returns the names of the axes' columns.
     pub fn columns(self) -> Vec<&'static str> {
         self.iter().map(Axis::column).collect()
     }
@@ -177,10 +160,8 @@ impl fmt::Debug for Axes {
 /// One value for each axis of a set, in order.
 pub type AxisValues<T> = Vec<(Axis, T)>;
 
-/// The unit of moment columns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum MomentUnit {
-    /// N·m
     #[serde(rename = "N·m")]
     NewtonMetre,
     /// mN·m, equal to N·mm
@@ -189,10 +170,8 @@ pub enum MomentUnit {
 }
 
 impl MomentUnit {
-    /// All units.
     pub const ALL: [Self; 2] = [Self::NewtonMetre, Self::MillinewtonMetre];
 
-    /// Returns the symbol of the unit.
     pub const fn symbol(self) -> &'static str {
         ["N·m", "mN·m"][self as usize]
     }

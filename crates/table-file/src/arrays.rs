@@ -10,29 +10,25 @@ use crate::kind::{FileKind, TableError};
 
 #[derive(Clone, Debug)]
 pub struct Array {
-    /// The array's name with the groups that contain it: `group/array`.
+    /// The array's name with its groups: `group/array`.
     pub name: String,
     /// Number of rows, of columns, and the lengths of further dimensions.
     pub size: Vec<usize>,
-    /// The unit of the values, if the file states one.
     pub(crate) unit: Option<String>,
-    /// True if elements are stored row by row, not column by column.
+    /// True for storage row by row, false for column by column.
     pub(crate) is_by_row: bool,
     pub(crate) values: ArrayValues,
 }
 
-/// The content of an array.
 #[derive(Clone, Debug)]
 pub(crate) enum ArrayValues {
     /// Anything that cannot be a column of a table, with the reason.
     Other(&'static str),
-    /// Numbers or texts that have not been read yet.
     Unread,
     Numbers(ArrayNumbers),
     Texts(Arc<Vec<String>>),
 }
 
-/// The numbers of an array as stored in the file.
 #[derive(Clone, Debug)]
 pub(crate) struct ArrayNumbers {
     pub(crate) bytes: Arc<Vec<u8>>,
@@ -42,16 +38,16 @@ pub(crate) struct ArrayNumbers {
 }
 
 impl Array {
-    /// Returns the values in the order of the file, which is column by column in MATLAB; `None` if they are
-    /// complex or not numbers.
+    /// Returns the values in the order of the file (column by column in MATLAB); `None` if they are complex or not
+    /// numbers.
     pub fn values(&self) -> Option<Vec<f64>> {
         let ArrayValues::Numbers(numbers) = &self.values else { return None };
         let number = |at| numbers.cell(at).number().unwrap_or(f64::NAN);
         Some((0..numbers.len()).map(number).collect())
     }
 
-    /// Returns the number of rows and columns in a table: a single row counts as a column, and an array of
-    /// more than two dimensions has neither.
+    /// Returns the numbers of rows and columns: a single row counts as a column; more than two dimensions have
+    /// neither.
     fn sides(&self) -> (usize, usize) {
         match *self.size {
             [length] | [1, length] => (length, 1),
@@ -60,7 +56,6 @@ impl Array {
         }
     }
 
-    /// Returns the reason why the array cannot be part of a table, if it cannot.
     fn refusal(&self) -> Option<&'static str> {
         match (&self.values, self.sides()) {
             (ArrayValues::Other(what), _) => Some(what),
@@ -117,8 +112,8 @@ impl ArrayNumbers {
 /// A log with fewer rows than this is never taken to lack a row.
 const FEW_ROWS: usize = 10;
 
-/// Transposes matrices whose columns run along time: as many columns as a vector has values, or, if there is
-/// no vector, the same number of columns in all matrices and different numbers of rows.
+/// Transposes matrices whose columns run along time: as many columns as a vector has values or, without vectors,
+/// equal numbers of columns and different numbers of rows in all matrices.
 fn turn(all: &mut [Array]) {
     let vectors: Vec<usize> = all
         .iter()
@@ -147,8 +142,8 @@ fn turn(all: &mut [Array]) {
 /// The columns of a log, their names if known, and notes on the arrays that are left out.
 pub(crate) type LogColumns = (Option<Vec<TableColumn>>, ArrayRows, Vec<String>);
 
-/// Selects the arrays that make up a log: the arrays called `name`, or all, and among these the ones that
-/// have as many rows as most columns. If some arrays lack the last row, it is left out of all.
+/// Selects the arrays of a log: of those called `name`, or all, the ones with as many rows as most columns. If some
+/// lack the last row, it is left out of all.
 ///
 /// # Errors
 /// [`TableError::Choice`] if no array has the name, and other errors if the arrays do not make a table.
@@ -223,7 +218,6 @@ fn names(all: &[Array]) -> Option<Vec<TableColumn>> {
     Some(all.iter().flat_map(columns).collect())
 }
 
-/// The rows of arrays side by side.
 #[derive(Clone, Debug)]
 pub(crate) struct ArrayRows {
     pub(crate) arrays: Vec<Array>,
@@ -231,7 +225,7 @@ pub(crate) struct ArrayRows {
 }
 
 impl ArrayRows {
-    /// Returns the index of the array that contains a column, and the column's index within it.
+    /// Returns the array that contains a column, and the column's index within it.
     pub(crate) fn place(&self, mut column: usize) -> Option<(usize, usize)> {
         for (at, array) in self.arrays.iter().enumerate() {
             let (_, width) = array.sides();

@@ -10,8 +10,7 @@ const ANY: u64 = 48 << 20;
 /// The longest file, or part of one, that is held in memory.
 pub(crate) const IN_MEMORY: u64 = 2 << 30;
 
-/// Additional bytes that a part may use per byte on disk: measured numbers compress to between a third and a
-/// thirtieth of their size in memory.
+/// Additional bytes per byte on disk: measured numbers compress to between a third and a thirtieth of their size.
 const RATIO: u64 = 32;
 
 /// Total number of bytes unpacked from a file, which is limited to bound the time.
@@ -34,7 +33,6 @@ impl Unpacked {
 /// The longest header, footer, directory or other description of a table, in bytes.
 pub(crate) const DESCRIPTION: u64 = 16 << 20;
 
-/// The largest number of columns of a table.
 pub(crate) const COLUMNS: usize = 4096;
 
 /// Returns the largest size of a part that takes `stored` bytes in the file.
@@ -52,7 +50,6 @@ pub(crate) fn check(
     within(kind, what, bytes, limit(stored))
 }
 
-/// Checks that the size of a part is at most `limit`.
 pub(crate) fn within(
     kind: FileKind,
     what: impl Display,

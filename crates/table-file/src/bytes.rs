@@ -1,6 +1,5 @@
 //! Reading numbers and bytes from a slice, which may end anywhere, and writing them.
 
-/// The rest of a slice.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ByteReader<'a> {
     pub(crate) rest: &'a [u8],
@@ -21,7 +20,6 @@ impl<'a> ByteReader<'a> {
         Self { rest }
     }
 
-    /// Takes the next `count` bytes.
     pub(crate) fn take(&mut self, count: usize) -> Option<&'a [u8]> {
         let (bytes, rest) = self.rest.split_at_checked(count)?;
         self.rest = rest;

@@ -47,7 +47,6 @@ pub fn seconds_of_iso(text: &str) -> Option<f64> {
     }
 }
 
-/// Returns the offset from UTC at the end of a time.
 fn offset_s(zone: &[u8]) -> Option<i64> {
     let zone = zone.trim_ascii_start();
     let (sign, zone) = match zone {

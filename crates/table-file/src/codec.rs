@@ -11,7 +11,6 @@ pub(crate) enum Codec {
     Snappy,
     Gzip,
     Bzip2,
-    /// A raw block, without a frame.
     Lz4Block,
     Lz4Frame,
     Zstd,

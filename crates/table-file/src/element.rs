@@ -2,7 +2,6 @@
 
 use crate::format::{Cell, ColumnPart};
 
-/// The type of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Element {
     /// Floating point, 16 bits.
@@ -37,7 +36,6 @@ impl Element {
         }
     }
 
-    /// Converts the bytes of one element.
     pub(crate) fn cell(self, bytes: &[u8], is_little: bool) -> Cell {
         // Copies the bytes to the lowest bytes of a word.
         let mut word = [0; 8];
@@ -87,20 +85,17 @@ pub(crate) struct Strided<'a> {
 }
 
 impl Strided<'_> {
-    /// Iterates over the first `SIZE` bytes of each value.
     fn chunks<const SIZE: usize>(&self) -> impl Iterator<Item = [u8; SIZE]> {
         let rows = self.bytes.chunks(self.stride.max(1)).take(self.rows);
         rows.map_while(|row| row.first_chunk::<SIZE>().copied())
     }
 
-    /// Iterates over the first `size` bytes of each value.
     pub(crate) fn values(&self, size: usize) -> impl Iterator<Item = &[u8]> {
         self.bytes.chunks(self.stride.max(1)).take(self.rows).map_while(move |row| row.get(..size))
     }
 }
 
 impl Element {
-    /// Appends values to a column.
     pub(crate) fn read(self, from: Strided<'_>, is_little: bool, part: &mut ColumnPart) {
         let ColumnPart::Numbers { values, .. } = part else {
             from.values(self.size()).for_each(|bytes| part.push(self.cell(bytes, is_little)));

@@ -1,5 +1,4 @@
-//! The interface of a format: it reads the bytes of a file and returns the names of columns and a stream of
-//! rows.
+//! The interface of a format: from the bytes of a file to the names of columns and a stream of rows.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -14,7 +13,6 @@ use crate::kind::TableError;
 /// A file that can be opened any number of times.
 #[derive(Clone, Debug)]
 pub enum FileSource {
-    /// A file on disk.
     Disk(PathBuf),
     /// A file in memory, as a browser passes it.
     Memory(Arc<[u8]>),
@@ -46,12 +44,10 @@ impl FileSource {
 
 pub type OpenFile = Box<dyn FileBytes>;
 
-/// The bytes of an open file.
 pub trait FileBytes: Read + Seek + Send {}
 
 impl<T: Read + Seek + Send> FileBytes for T {}
 
-/// A value in a table.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum Cell {
     /// No value.
@@ -78,8 +74,7 @@ impl Cell {
         }
     }
 
-    /// Formats the value on one line: numbers with the fewest digits that read back as the same number, times
-    /// in ISO 8601.
+    /// Formats the value on one line: numbers with the fewest digits that read back equal, times in ISO 8601.
     pub fn text(&self) -> Cow<'_, str> {
         match self {
             Self::Missing => Cow::Borrowed(""),
@@ -104,10 +99,8 @@ fn whole(value: f64) -> Option<i64> {
     (is_whole && (value != 0.0 || value.is_sign_positive())).then_some(value as i64)
 }
 
-/// Some rows of a column.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Cells<'a> {
-    /// Names and remarks.
     Text(Cow<'a, [String]>),
     /// Numbers, possibly with missing values.
     Number(Cow<'a, [Option<f64>]>),
@@ -128,16 +121,14 @@ impl Cells<'_> {
     }
 }
 
-/// A requested column and the form of its values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WantedColumn {
     /// Position of the column, from 0.
     pub at: usize,
-    /// True if the values are requested as text, not as numbers.
+    /// True for text, false for numbers.
     pub is_text: bool,
 }
 
-/// Some rows of a column.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ColumnPart {
     /// Numbers, or times in seconds since 1970. Missing rows are NaN and listed in order.
@@ -194,7 +185,6 @@ impl ColumnPart {
         }
     }
 
-    /// Converts the values to cells.
     pub(crate) fn cells(&mut self) -> &mut Vec<Cell> {
         if let Self::Numbers { values, missing } = self {
             let cell = |(at, value): (usize, &f64)| match missing.binary_search(&at) {
@@ -210,18 +200,16 @@ impl ColumnPart {
     }
 }
 
-/// Some rows of the requested columns.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TablePart {
     pub rows: usize,
-    /// The columns, in the order of the request.
+    /// Columns in the order of the request.
     pub columns: Vec<ColumnPart>,
     /// Rows, in order, that are empty or hold a remark.
     pub blank: Vec<usize>,
 }
 
 impl TablePart {
-    /// Removes all rows, and makes room for the requested columns.
     pub(crate) fn clear(&mut self, wanted: &[WantedColumn]) {
         self.rows = 0;
         self.blank.clear();
@@ -230,11 +218,10 @@ impl TablePart {
     }
 }
 
-/// A column of a table.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct TableColumn {
     pub name: String,
-    /// The unit of the values, as written in the file.
+    /// Unit as written in the file.
     pub unit: Option<String>,
 }
 
@@ -244,25 +231,19 @@ impl From<String> for TableColumn {
     }
 }
 
-/// A table that a format found in a file.
 pub(crate) struct FoundTable {
-    /// The columns, `None` if they have no names or the names are in the rows.
     pub(crate) columns: Option<Vec<TableColumn>>,
     pub(crate) rows: Arc<dyn RowSource>,
-    /// Notes on contents that are left out, and on decisions made.
     pub(crate) notes: Vec<String>,
-    /// True if the file ends in the middle of its content, and what is left is read.
     pub(crate) is_cut_off: bool,
 }
 
 impl FoundTable {
-    /// Makes a table without notes.
     pub(crate) fn new(columns: Option<Vec<TableColumn>>, rows: impl RowSource + 'static) -> Self {
         Self { columns, rows: Arc::new(rows), notes: Vec::new(), is_cut_off: false }
     }
 }
 
-/// An opened table of some format.
 pub(crate) trait RowSource: fmt::Debug + Send + Sync {
     /// Returns the content of a column, from 0, if it cannot be read.
     fn unread(&self, _column: usize) -> Option<&'static str> {
@@ -272,14 +253,13 @@ pub(crate) trait RowSource: fmt::Debug + Send + Sync {
     /// Returns the number of columns; 0 if it differs between rows.
     fn columns(&self) -> usize;
 
-    /// Streams the rows of the requested columns.
     fn rows(self: Arc<Self>, wanted: Vec<WantedColumn>) -> Result<RowStream, TableError>;
 }
 
 /// A stream of rows: appends at most the given number of rows to an empty part; fewer only at the end.
 pub(crate) type RowStream = Box<dyn FnMut(usize, &mut TablePart) -> Result<(), TableError> + Send>;
 
-/// A stream of rows of cells, for formats that read whole rows: the next row, `None` at the end.
+/// A stream of whole rows of cells: the next one, `None` at the end.
 pub(crate) type CellRows = Box<dyn FnMut() -> Result<Option<Vec<Cell>>, TableError> + Send>;
 
 /// Selects the requested columns from rows of cells and marks the rows for which `is_blank` is true.

@@ -1,5 +1,5 @@
-//! Data sets of numbers in HDF5 files, including MATLAB 7.3. The crate `hdf5-pure` reads the format; this
-//! module selects the data sets that make up a log and limits the memory that a file may use.
+//! Numbers in HDF5 files, including MATLAB 7.3. The crate `hdf5-pure` reads the format; this module selects the data
+//! sets of a log and limits the memory that a file may use.
 
 use std::io::Read;
 use std::sync::Arc;
@@ -17,29 +17,27 @@ use crate::kind::{FileKind, TableError};
 
 const KIND: FileKind = FileKind::Hdf5;
 
-/// Limits on the depth of groups, which may contain each other, and on the number of objects.
+/// Limits on the nesting of groups and the number of objects.
 const DEPTH: usize = 8;
 const OBJECTS: usize = 4096;
 
-/// Bytes that all data sets of a log may use, in addition to [`RATIO`] times the file's length. The limit is
-/// lower than elsewhere, because a file can claim any number of rows that were never written.
+/// Bytes that all data sets may use, in addition to [`RATIO`] times the file's length. Lower than elsewhere, because
+/// a file can claim any number of rows that were never written.
 const ANY: u64 = 16 << 20;
 const RATIO: u64 = 32;
 
-/// Bytes that the reader uses for each chunk of a data set, and at least for each text.
+/// Bytes that the reader uses per chunk of a data set, and at least per text.
 const PER_CHUNK: u64 = 352;
 const PER_TEXT: u64 = 32;
 
 /// The first bytes of a MATLAB file, in which data sets are matrices stored column by column.
 const MATLAB: &[u8] = b"MATLAB 7.3";
 
-/// The numeric MATLAB classes.
 const CLASSES: [&str; 11] = [
     "double", "single", "logical", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32",
     "uint64",
 ];
 
-/// The data sets of a file that make up a log.
 #[derive(Debug)]
 struct Hdf5Table {
     file: FileSource,
@@ -61,7 +59,6 @@ pub(crate) fn open(source: &FileSource, part: Option<&str>) -> Result<FoundTable
     Ok(FoundTable { columns, rows, notes, is_cut_off: false })
 }
 
-/// The vectors and matrices of a file.
 #[derive(Default)]
 struct DataSets {
     sets: Vec<Array>,
@@ -102,8 +99,7 @@ impl DataSets {
         }
         for (name, inner) in group.iter_groups().map_err(unreadable)? {
             self.count()?;
-            // `#` groups hold the objects that MATLAB cells and objects refer to, `_i_` groups the indexes of
-            // PyTables.
+            // `#` groups hold what MATLAB cells and objects refer to, `_i_` groups the indexes of PyTables.
             if !name.starts_with('#') && !name.starts_with("_i_") {
                 self.add(&inner, &format!("{path}{name}/"), depth - 1)?;
             }
@@ -119,8 +115,7 @@ impl DataSets {
         let unit = text("units").or_else(|| text("unit"));
         let unit = unit.and_then(|unit| unit.split(" since ").next()).map(str::trim);
         let unit = unit.filter(|unit| !unit.is_empty()).map(str::to_owned);
-        // MATLAB texts are data sets of numbers as well, and an empty matrix stores its dimensions as
-        // numbers.
+        // MATLAB texts are numbers as well, and an empty matrix stores its dimensions as numbers.
         let is_number = !attributes.contains_key("MATLAB_empty")
             && text("MATLAB_class").is_none_or(|it| CLASSES.contains(&it));
         let kind = set.datatype().map_err(unreadable)?;
@@ -239,8 +234,7 @@ impl RowSource for Hdf5Table {
     }
 }
 
-/// Opens a data set and returns it with the size of its values, which may be at most `most` bytes, as may be
-/// its list of chunks.
+/// Opens a data set; returns it with the size of its values, which like its list of chunks may take `most` bytes.
 fn data_set(file: &hdf5_pure::File, path: &str, most: u64) -> Result<(Dataset, u64), TableError> {
     // Octave stores the value in a group with the variable's name.
     let set = file.dataset(path).or_else(|_| file.dataset(&format!("{path}/value")));
@@ -285,8 +279,7 @@ fn values(set: &Dataset, path: &str, most: u64) -> Result<ArrayValues, TableErro
     Ok(ArrayValues::Numbers(ArrayNumbers { bytes, range, element, is_little }))
 }
 
-/// Checks that the chunks of a data set lie on its grid, without duplicates: a misplaced chunk would leave
-/// zeros in place of its values.
+/// Checks that chunks lie on the grid, without duplicates: a misplaced chunk would leave zeros in its place.
 fn check_pieces(set: &Dataset, path: &str, shape: &[u64], sides: &[u64]) -> Result<(), TableError> {
     let mut offsets: Vec<Vec<u64>> =
         set.chunks().map_err(unreadable)?.into_iter().map(|chunk| chunk.offset).collect();
@@ -308,7 +301,7 @@ fn check_pieces(set: &Dataset, path: &str, shape: &[u64], sides: &[u64]) -> Resu
 /// A file with its soft links hidden: the reader refuses groups that contain any.
 struct WithoutSoftLinks(ReadSeekSource<OpenFile>);
 
-/// Length of a symbol table node's header and of an entry with addresses of eight bytes ("HDF5 File Format
+/// Length of the header and of an entry in a symbol table node, with addresses of eight bytes ("HDF5 File Format
 /// Specification Version 3.0", section III.B).
 const NODE_HEAD: usize = 8;
 const NODE_ENTRY: usize = 40;
@@ -344,7 +337,6 @@ impl Source for WithoutSoftLinks {
     }
 }
 
-/// Opens a file with the reader and converts its errors.
 fn read(file: &FileSource) -> Result<hdf5_pure::File, TableError> {
     let source = ReadSeekSource::new(file.open()?).map_err(Error::Format).map_err(unreadable)?;
     hdf5_pure::File::from_source(WithoutSoftLinks(source)).map_err(unreadable)

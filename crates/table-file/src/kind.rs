@@ -5,22 +5,16 @@ use std::io;
 
 use shell_data::hint::quoted;
 
-/// A file format whose tables can be read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum FileKind {
     /// HDF5, including MATLAB 7.3 and later.
     Hdf5,
-    /// MATLAB, level 5.
     Matlab,
-    /// MCAP, a container for recorded messages.
     Mcap,
-    /// A NumPy array.
     NumPy,
-    /// A spreadsheet of LibreOffice and others.
     Ods,
     Parquet,
-    /// A bag of ROS 1.
     Rosbag,
     /// A bag of ROS 2 in SQLite.
     Sqlite,
@@ -28,7 +22,6 @@ pub enum FileKind {
     Tdms,
     /// A recording of Lab Streaming Layer.
     Xdf,
-    /// A workbook of Excel.
     Xlsx,
 }
 
@@ -50,12 +43,10 @@ impl FileKind {
         }
     }
 
-    /// Returns the name for people, with an article.
     pub(crate) const fn with_article(self) -> &'static str {
         self.names()[1]
     }
 
-    /// Returns the name in documents.
     pub const fn key(self) -> &'static str {
         self.names()[0]
     }
@@ -67,11 +58,10 @@ impl fmt::Display for FileKind {
     }
 }
 
-/// An error of reading a table. The caller adds the name of the file.
+/// An error of reading a table, to which the caller adds the name of the file.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum TableError {
-    /// The file cannot be read.
     #[error("cannot read the file")]
     Io(#[from] io::Error),
     /// The file is truncated or inconsistent.
@@ -80,7 +70,7 @@ pub enum TableError {
     /// The file is valid but its content is not supported.
     #[error("{} that is not read: {what}", kind.with_article())]
     Unsupported { kind: FileKind, what: String },
-    /// The file contains several tables, which it calls `part`, or none with the requested name.
+    /// The file has several tables, which it calls `part`, or none with the requested name.
     #[error(
         "{} {}; it has {}",
         kind.with_article(),
@@ -101,12 +91,10 @@ impl From<TableError> for io::Error {
 }
 
 impl FileKind {
-    /// Makes the error for a file that is truncated or inconsistent.
     pub(crate) fn damaged(self, what: impl Into<String>) -> TableError {
         TableError::Damaged { kind: self, what: what.into() }
     }
 
-    /// Makes the error for a valid file with unsupported content.
     pub(crate) fn unsupported(self, what: impl Into<String>) -> TableError {
         TableError::Unsupported { kind: self, what: what.into() }
     }

@@ -1,11 +1,11 @@
 //! Tables in binary files, read as columns.
 //!
-//! [`recognise()`] determines the format of a file from its first bytes. [`Table::open`] finds its columns,
-//! and [`Table::rows`] streams the requested ones part by part as numbers, times in seconds, or text. Other
-//! columns are not decoded, and memory does not grow with the number of rows.
+//! [`recognise()`] determines the format from a file's first bytes. [`Table::open`] finds its columns, and
+//! [`Table::rows`] streams the requested ones part by part as numbers, times in seconds, or text. Other columns are
+//! not decoded, and memory does not grow with the number of rows.
 //!
-//! Files are not trusted: sizes in a file are checked against a budget before memory is allocated, and damage
-//! is an error that names the position. No unsafe code.
+//! Files are not trusted: sizes are checked against a budget before memory is allocated, and damage is an error with
+//! its position. No unsafe code.
 
 #![allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "reads files")]
 #![forbid(unsafe_code)]

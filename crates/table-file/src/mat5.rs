@@ -1,5 +1,5 @@
-//! MATLAB 5 files ("MAT-File Format", MathWorks, chapter "Level 5"): reads arrays of numbers, and writes
-//! tables with one variable per column.
+//! MATLAB 5 files ("MAT-File Format", MathWorks, chapter "Level 5"): reads numeric arrays, writes columns as
+//! variables.
 
 use std::io::{self, Read, Write};
 use std::ops::Range;
@@ -18,7 +18,6 @@ const KIND: FileKind = FileKind::Matlab;
 /// Length of the file header: text, version and byte order.
 const HEADER: usize = 128;
 
-/// Types of data elements.
 const INT8: u32 = 1;
 const UINT8: u32 = 2;
 const UINT16: u32 = 4;
@@ -40,7 +39,6 @@ const INTEGERS: Range<u32> = 8..16;
 const OPAQUE: u32 = 17;
 const COMPLEX: u32 = 0x0800;
 
-/// Maximum nesting of structs and cells.
 const DEPTH: u8 = 8;
 
 const CUT_OFF: &str = "it is cut off";
@@ -118,7 +116,7 @@ impl<'a> Matrix<'a> {
         Ok(Self { bytes, is_little, class, is_complex, size, name, rest: parts.rest })
     }
 
-    /// Adds the array, or the fields of a struct, to `arrays`; `name` replaces the array's name.
+    /// Adds the array, or the fields of a struct; `name` replaces the array's name.
     fn add(
         self,
         name: Option<String>,
@@ -214,7 +212,6 @@ impl<'a> Matrix<'a> {
     }
 }
 
-/// An iterator over consecutive elements.
 struct Elements<'a> {
     bytes: &'a [u8],
     rest: Range<usize>,
@@ -251,7 +248,6 @@ impl<'a> Elements<'a> {
     }
 }
 
-/// Iterates over 32-bit integers.
 fn integers(bytes: &[u8], is_little: bool) -> impl Iterator<Item = u32> + '_ {
     let (words, _) = bytes.as_chunks::<4>();
     words.iter().map(move |&word| match is_little {
@@ -277,7 +273,6 @@ fn element(kind: u32) -> Option<Element> {
     })
 }
 
-/// Opens the arrays of a file that make up a log.
 pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<FoundTable, TableError> {
     budget::within(KIND, "the file", file.length()?, budget::IN_MEMORY)?;
     let mut bytes = Vec::new();
@@ -286,7 +281,7 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<FoundTable, 
     Ok(FoundTable { columns, rows: Arc::new(rows), notes, is_cut_off: false })
 }
 
-/// Writes an array of the given size, whose elements are of type `kind` with the bytes `content`.
+/// Writes an array of elements of type `kind` with the bytes `content`.
 fn write_array(
     out: &mut dyn Write,
     name: &str,
@@ -316,7 +311,6 @@ fn length(length: usize) -> io::Result<[u8; 4]> {
     i32::try_from(length).map_err(error).map(i32::to_le_bytes)
 }
 
-/// Converts a name to a valid variable name.
 fn variable(name: &str) -> String {
     let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
     let name: String = name.chars().map(plain).take(63).collect();

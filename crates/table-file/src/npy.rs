@@ -1,5 +1,5 @@
-//! NumPy arrays: the `.npy` format, versions 1 to 3 (NumPy Enhancement Proposal 1), with one or two
-//! dimensions of numbers or of records with named fields.
+//! NumPy arrays: the `.npy` format, versions 1 to 3 (NumPy Enhancement Proposal 1), with one or two dimensions of
+//! numbers or of records with named fields.
 
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::sync::Arc;
@@ -23,11 +23,11 @@ struct Npy {
     rows: u64,
     row_bytes: u64,
     columns: Vec<ValueOffset>,
-    /// True if values are stored column by column, not row by row.
+    /// True for storage column by column, false for row by row.
     by_column: bool,
 }
 
-/// The position of a column's value in a row, and its type.
+/// A column's position in a row, and its type.
 #[derive(Clone, Copy, Debug)]
 struct ValueOffset {
     offset: usize,
@@ -35,7 +35,6 @@ struct ValueOffset {
     is_little: bool,
 }
 
-/// The type of a value.
 #[derive(Clone, Copy, Debug)]
 enum NumberKind {
     Number(Element),
@@ -124,7 +123,6 @@ fn shape(shape: &Value) -> Option<Vec<u64>> {
     shape.as_array()?.iter().map(Value::as_u64).collect()
 }
 
-/// Returns the columns of a record, their names, and the record's size.
 fn record(fields: &[Value]) -> Result<(Vec<ValueOffset>, Vec<String>, u64), TableError> {
     let (mut columns, mut names, mut offset) = (Vec::new(), Vec::new(), 0);
     for field in fields {

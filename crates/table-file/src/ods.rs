@@ -1,7 +1,7 @@
 //! OpenDocument spreadsheets (OASIS ODF 1.3, part 3): the cells of one sheet, streamed.
 //!
-//! A sheet is a `table` in `content.xml`. Equal cells and equal rows that follow each other are stored once,
-//! with the number of repetitions, which for empty cells reaches the end of the sheet.
+//! A sheet is a `table` in `content.xml`. Consecutive equal cells and rows are stored once, with a number of
+//! repetitions, which for empty cells reaches the end of the sheet.
 
 use std::io::Read;
 use std::sync::Arc;
@@ -16,7 +16,6 @@ use crate::zip::{ZipEntry, entries};
 
 const KIND: FileKind = FileKind::Ods;
 
-/// A sheet of a workbook.
 #[derive(Debug)]
 struct OdsSheet {
     file: FileSource,
@@ -82,10 +81,8 @@ impl Sheet for OdsSheet {
     }
 }
 
-/// The rows of a sheet.
 struct OdsRows<R> {
     xml: Xml<R>,
-    /// Length of the file.
     length: u64,
     /// The number of the last row.
     number: u64,
@@ -165,14 +162,11 @@ impl<R: Read> OdsRows<R> {
     }
 }
 
-/// A cell that is being read.
 struct OpenCell {
     tag: XmlTag,
     repeated: u64,
     text: String,
-    /// True within a paragraph.
     is_text: bool,
-    /// True within a comment.
     is_comment: bool,
 }
 

@@ -2,16 +2,12 @@
 
 use crate::kind::FileKind;
 
-/// The result of [`recognise`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Recognised {
-    /// A table that can be read.
     Table(FileKind),
-    /// A file of a known format that is not supported.
+    /// A known format that is not supported, with an article, and advice on converting the file.
     Foreign {
-        /// Name of the format, with an article.
         what: &'static str,
-        /// Advice on converting the file.
         remedy: &'static str,
     },
     /// Text, compressed or not, or something unknown.
@@ -34,8 +30,7 @@ const DECODE: &str =
     "write its signals as CSV: in Python `asammdf` or `cantools`, with the DBC of the sensor";
 const NO_TABLE: &str = "give the table that it was made of";
 
-/// The signature of HDF5, at position 0 or at a power of two from 512 ("HDF5 File Format Specification
-/// Version 3.0", section II.A).
+/// HDF5: at position 0 or a power of two from 512 ("HDF5 File Format Specification Version 3.0", section II.A).
 const HDF5: &[u8] = b"\x89HDF\r\n\x1a\n";
 
 /// Kinds that are not read, by how they begin.
@@ -76,7 +71,7 @@ const FOREIGN: [(&[u8], &str, &str); 30] = [
     (b"\x7fELF", "a program", NO_TABLE),
 ];
 
-/// Recognises a file from its first [`RECOGNISED_BYTES`], or from all bytes if it has fewer.
+/// Recognises a file from its first [`RECOGNISED_BYTES`], or all bytes of a shorter file.
 pub fn recognise(head: &[u8]) -> Recognised {
     if head.starts_with(b"MATLAB 5.0 MAT-file")
         || matches!(head.get(124..128), Some([0, 1, b'I', b'M'] | [1, 0, b'M', b'I']))
@@ -142,9 +137,8 @@ fn text_document(head: &[u8]) -> Option<(&'static str, &'static str)> {
     ))
 }
 
-/// Returns true if a file begins with a MATLAB level 4 matrix, which has no signature: five integers (type,
-/// rows, columns, imaginary flag, length of the name) and a name that ends with a zero ("MAT-File Format",
-/// MathWorks, chapter 2).
+/// Returns true for a MATLAB level 4 matrix, which has no signature: five integers (type, rows, columns, imaginary
+/// flag, length of the name) and a name that ends with a zero ("MAT-File Format", MathWorks, chapter 2).
 fn is_matlab_4(head: &[u8]) -> bool {
     let Some((header, name)) = head.split_first_chunk::<20>() else { return false };
     let word = |at: usize| [header[at], header[at + 1], header[at + 2], header[at + 3]];
@@ -219,8 +213,7 @@ mod tests {
             (b"PK\x03\x04....notes.txt", "a zip archive"),
             (b"CDF\x02\0\0", "a netCDF-3 file"),
             (b"\x02\x50\x06\0", "a C3D motion capture file"),
-            // `scipy.io.savemat(…, {"xy": …}, format="4")` with 3 by 2 numbers, and the big-endian
-            // equivalent.
+            // `scipy.io.savemat(…, {"xy": …}, format="4")` with 3 by 2 numbers, and its big-endian equivalent.
             (b"\0\0\0\0\x03\0\0\0\x02\0\0\0\0\0\0\0\x03\0\0\0xy\0\0", "a MATLAB 4 file"),
             (b"\0\0\x03\xe8\0\0\0\x03\0\0\0\x02\0\0\0\0\0\0\0\x03xy\0@", "a MATLAB 4 file"),
         ] {

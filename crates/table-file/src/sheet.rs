@@ -6,7 +6,6 @@ use std::sync::Arc;
 use crate::format::{Cell, FoundTable, RowSource, RowStream, WantedColumn, columns_of_cells};
 use crate::kind::{FileKind, TableError};
 
-/// The largest number of rows in a sheet.
 pub(crate) const LAST_ROW: u64 = 1 << 20;
 
 /// Number of rows that are searched for a table.
@@ -16,14 +15,12 @@ const LOOKED_AT: usize = 100;
 pub(crate) type NumberedRows =
     Box<dyn FnMut() -> Result<Option<(u64, Vec<Cell>)>, TableError> + Send>;
 
-/// A sheet of a workbook.
 pub(crate) trait Sheet: fmt::Debug + Send + Sync + 'static {
-    /// Streams the rows.
     fn numbered(self: Arc<Self>) -> Result<NumberedRows, TableError>;
 }
 
-/// Selects the sheet called `part`, or the first one with a table: other sheets may describe the rig in a few cells.
-/// `open` opens a sheet by its position among `names`.
+/// Selects the sheet `part`, or the first with a table: others may describe the rig in a few cells. `open` opens a
+/// sheet by its position among `names`.
 pub(crate) fn choose<S: Sheet>(
     kind: FileKind,
     names: Vec<String>,

@@ -16,7 +16,6 @@ const ROW: u64 = 16 << 20;
 /// Length of the header of the file, which precedes the content of the first page.
 const HEADER: usize = 100;
 
-/// Kinds of pages of tables.
 const INTERIOR: u8 = 5;
 const LEAF: u8 = 13;
 
@@ -35,7 +34,6 @@ pub(crate) struct DatabaseTable {
     pub(crate) root: u32,
 }
 
-/// A value in a row.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Value {
     Null,
@@ -79,7 +77,6 @@ impl Database {
         Ok(Self { file, page_bytes, usable: page_bytes - reserved, pages, file_bytes })
     }
 
-    /// Lists the tables.
     pub(crate) fn tables(&mut self) -> Result<Vec<DatabaseTable>, TableError> {
         let mut tables = Vec::new();
         let mut rows = self.rows(1);
@@ -97,12 +94,10 @@ impl Database {
         Ok(tables)
     }
 
-    /// Returns the rows of the table with this first page.
     pub(crate) fn rows(&self, root: u32) -> TableRows {
         TableRows { waiting: vec![root], cells: Vec::new(), page: Vec::new(), left: self.pages }
     }
 
-    /// Reads a page into `page`.
     fn page(&mut self, number: u32, page: &mut Vec<u8>) -> Result<(), TableError> {
         if number == 0 || number > self.pages {
             return Err(KIND.damaged(format!("page {number} of {} is missing", self.pages)));
@@ -115,7 +110,6 @@ impl Database {
     }
 }
 
-/// The rows of a table.
 pub(crate) struct TableRows {
     /// Pages that have not been read, the next one last.
     waiting: Vec<u32>,

@@ -10,22 +10,21 @@ use crate::format::{
 use crate::kind::{FileKind, TableError};
 use crate::{hdf5, mat5, npy, ods, parquet, recording, tdms, xdf, xlsx};
 
-/// A table in a file.
 #[derive(Clone, Debug)]
 pub struct Table {
     pub kind: FileKind,
     /// The columns; `None` if they have no names, or the names are in the rows.
     pub columns: Option<Vec<TableColumn>>,
-    /// Notes on contents that are left out, with the reason, and on decisions made.
+    /// Notes on contents that are left out, with the reason, and on decisions.
     pub notes: Vec<String>,
-    /// True if the file ends in the middle of its content, as a killed recorder leaves it.
+    /// True if the file ends in the middle of its content, as after the recorder was killed.
     pub is_cut_off: bool,
     rows: Arc<dyn RowSource>,
 }
 
 impl Table {
-    /// Opens a file of the given format and finds the columns of the table: in the matrix, group, sheet or
-    /// topic `part`, or in the one that contains a log.
+    /// Opens a file and finds the table in the matrix, group, sheet or topic `part`, or else the one that holds a
+    /// log.
     ///
     /// # Errors
     /// [`TableError`] if the file cannot be read, is damaged, or has no such part.
@@ -49,14 +48,13 @@ impl Table {
         Ok(Self { kind, columns, notes, is_cut_off, rows })
     }
 
-    /// Returns the names of the columns; `None` if they have none, or the names are in the rows.
+    /// Returns `None` if the columns have no names, or the names are in the rows.
     pub fn names(&self) -> Option<Vec<String>> {
         let columns = self.columns.as_ref()?.iter();
         Some(columns.map(|column| column.name.clone()).collect())
     }
 
-    /// Returns the units of the columns, empty for a column without one; an empty list if columns have no
-    /// names.
+    /// Returns the units, empty for a column without one; an empty list if columns have no names.
     pub fn units(&self) -> Vec<String> {
         let columns = self.columns.iter().flatten();
         columns.map(|column| column.unit.clone().unwrap_or_default()).collect()
@@ -83,8 +81,7 @@ impl Table {
         (bytes / (3 * self.rows.columns().max(1))).max(1)
     }
 
-    /// Streams the rows of some columns that [can be read](Self::check_is_read), beginning with the first
-    /// row.
+    /// Streams the rows of columns that [can be read](Self::check_is_read).
     ///
     /// # Errors
     /// [`TableError`] if the file cannot be opened.
@@ -92,8 +89,8 @@ impl Table {
         Ok(TableStream { rows: Arc::clone(&self.rows).rows(wanted.clone())?, wanted })
     }
 
-    /// Formats the first rows as CSV: at most `rows` rows and about `bytes` bytes, after a line of names if
-    /// the columns have names. If `shown` is given, the other columns are left empty.
+    /// Formats at most `rows` first rows and about `bytes` bytes as CSV, after a line of names if there are any. If
+    /// `shown` is given, the other columns are left empty.
     ///
     /// # Errors
     /// [`TableError`] if the file cannot be read.
@@ -136,7 +133,7 @@ impl Table {
     }
 }
 
-/// Writes the line of a row, with its columns at the given places. A line of a sheet ends with its last cell.
+/// Writes a row with its columns at the given places. A line of a sheet ends with its last cell.
 fn write_row(
     part: &TablePart,
     row: usize,
@@ -166,15 +163,13 @@ fn write_row(
     text.push(b'\n');
 }
 
-/// A stream of the rows of some columns, part by part.
 pub struct TableStream {
     wanted: Vec<WantedColumn>,
     rows: RowStream,
 }
 
 impl TableStream {
-    /// Reads the next rows into `part`, at most `rows`, fewer only at the end; returns `false` if there are
-    /// none.
+    /// Reads at most `rows` next rows, fewer only at the end; returns `false` if there are none.
     ///
     /// # Errors
     /// [`TableError`] if the file cannot be read or is damaged.

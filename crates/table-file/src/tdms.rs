@@ -6,8 +6,8 @@
 //!          values, channel by channel or row by row
 //! ```
 //!
-//! A channel's values are in any number of segments; a segment without a list of objects continues the one
-//! before. Linear and polynomial scales are applied to the stored values.
+//! A channel's values are in any number of segments; one without a list of objects continues the one before. Linear
+//! and polynomial scales are applied.
 
 use std::collections::HashMap;
 use std::io::{Read, Seek, SeekFrom};
@@ -26,41 +26,36 @@ const KIND: FileKind = FileKind::Tdms;
 /// Length of a segment's head.
 const HEAD: u64 = 28;
 
-/// Bits for what a segment contains.
 const HAS_OBJECTS: u32 = 1 << 1;
 const HAS_NEW_LIST: u32 = 1 << 2;
 const HAS_VALUES: u32 = 1 << 3;
 const IS_BY_ROW: u32 = 1 << 5;
 const IS_BIG_ENDIAN: u32 = 1 << 6;
 
-/// The position of the next segment in a segment that was not finished.
+/// The position of the next segment in an unfinished segment.
 const UNFINISHED: u64 = u64::MAX;
 
-/// Indexes of values: none, the same as before, and those of measurement cards (DAQmx), whose samples or
-/// digital lines are mixed in a buffer.
+/// Indexes: no values, the same as before, and measurement cards (DAQmx), whose samples or digital lines are mixed in
+/// a buffer.
 const NO_VALUES: u32 = 0xffff_ffff;
 const SAME_VALUES: u32 = 0;
 const OF_CARD: u32 = 0x1269;
 const OF_LINES: [u32; 2] = [0x126a, 0x1369];
 
-/// Maximum number of pieces of a file's channels.
 const PIECES: usize = 1 << 20;
 
-/// The values of a channel in a segment.
 #[derive(Clone, Copy, Debug, Default)]
 struct Index {
     kind: u32,
-    /// Number of values.
     count: u64,
-    /// Size of all values in bytes, for texts.
+    /// Size of all texts in bytes.
     bytes: u64,
-    /// The place of a card's values: number of the buffer, and position in a row of it.
+    /// A card's buffer number, and the position in a row of it.
     card: Option<(usize, u64)>,
 }
 
 impl Index {
-    /// Returns the buffer of a card's values and their position in its rows, which have these lengths; `None`
-    /// if they do not fit.
+    /// Returns a card's buffer and the position in its rows, which have these lengths; `None` if they do not fit.
     fn place_in(&self, rows: &[u64]) -> Option<(usize, u64)> {
         let (buffer, offset) = self.card?;
         let end = offset.saturating_add(size(self.kind)? as u64);
@@ -68,12 +63,11 @@ impl Index {
     }
 }
 
-/// A part of a channel's values.
 #[derive(Clone, Copy, Debug)]
 struct Piece {
     at: u64,
     count: u64,
-    /// Distance from one value to the next in bytes.
+    /// Distance from one value to the next, bytes.
     stride: u64,
 }
 
@@ -81,10 +75,9 @@ struct Piece {
 struct Channel {
     /// `/'group'/'channel'` without slashes and quotes: `group/channel`.
     name: String,
-    /// The type of the values, 0 if there are none.
+    /// The type of the values; 0 if there are none.
     kind: u32,
     is_little: bool,
-    /// The reason why the values cannot be read.
     unread: Option<&'static str>,
     /// True for values of a card, which need a scale.
     is_of_card: bool,
@@ -104,8 +97,7 @@ struct TdmsTable {
     file: FileSource,
     channels: Vec<Channel>,
     arrays: ArrayRows,
-    /// Time of the first row and time from row to row, in s, if no channel is a time. The first array then
-    /// holds the times.
+    /// Time of the first row and time per row, s, if no channel is a time. The first array then holds the times.
     clock: Option<(f64, f64)>,
 }
 
@@ -147,18 +139,15 @@ pub(crate) fn open(source: &FileSource, part: Option<&str>) -> Result<FoundTable
     Ok(FoundTable { columns: Some(columns), rows: Arc::new(table), notes, is_cut_off })
 }
 
-/// The objects and segments of a file.
 struct Reader {
     file: OpenFile,
     length: u64,
     /// Position of the next segment.
     at: u64,
     channels: Vec<Channel>,
-    /// Positions of objects in `channels`, by path.
     places: HashMap<String, usize>,
     /// Objects with values in the current segment.
     active: Vec<usize>,
-    /// The last index of each object.
     indexes: Vec<Index>,
     /// Length of a row in each buffer of the cards.
     card_rows: Vec<u64>,
@@ -396,7 +385,7 @@ impl Reader {
     }
 }
 
-/// Returns the number of whole values in the bytes that are left; texts are there all together or not.
+/// Returns the number of whole values in the bytes left; texts are all there or none.
 fn whole_values(room: u64, size: u64, stride: u64, index: &Index) -> u64 {
     let whole = match size {
         0 if room >= index.bytes => index.count,
@@ -408,11 +397,9 @@ fn whole_values(room: u64, size: u64, stride: u64, index: &Index) -> u64 {
     index.count.min(whole)
 }
 
-/// The content of channels whose samples come from several places of a card's rows.
 const SEVERAL_SCALERS: &str = "values of a card that several scalers make";
 
-/// Reads the index of a card's channel, and the lengths of rows in the buffers. Values that are not from exactly
-/// one place of a row have no place.
+/// Reads a card channel's index and the row lengths in the buffers. Values not from exactly one place have no place.
 fn card_index(fields: &mut Fields<'_>, is_line: bool) -> Option<(Index, Vec<u64>)> {
     let (_kind, _dimension, count) = (fields.u32()?, fields.u32()?, fields.u64()?);
     let (scalers, mut index) = (fields.u32()?, Index { count, ..Index::default() });
@@ -441,7 +428,6 @@ fn card_index(fields: &mut Fields<'_>, is_line: bool) -> Option<(Index, Vec<u64>
     Some((index, rows))
 }
 
-/// Types of values.
 const TEXT: u32 = 0x20;
 const TIME: u32 = 0x44;
 
@@ -457,7 +443,6 @@ fn size(kind: u32) -> Option<usize> {
     })
 }
 
-/// Returns the type of numbers; `None` for others.
 fn element(kind: u32) -> Option<Element> {
     Some(match kind {
         1..=4 => Element::Signed(1 << (kind - 1)),
@@ -472,7 +457,7 @@ fn element(kind: u32) -> Option<Element> {
 /// Seconds from 1904, where times begin, to 1970.
 const TO_1970: i64 = 2_082_844_800;
 
-/// Fields of a segment's head in its byte order.
+/// A segment's head in its byte order.
 struct Fields<'a> {
     rest: &'a [u8],
     is_little: bool,
@@ -519,7 +504,7 @@ impl<'a> Fields<'a> {
 type Polynomial = Vec<f64>;
 
 impl Channel {
-    /// Returns why values of another type cannot be read, if the channel has values of a type.
+    /// Returns a reason if the channel already has values of another type.
     fn other_kind(&self, kind: u32) -> Option<&'static str> {
         (self.kind != 0 && self.kind != kind).then_some("values of several types")
     }
@@ -563,14 +548,14 @@ impl Channel {
         Array { name: self.name.clone(), size, unit, is_by_row: true, values }
     }
 
-    /// Returns the time of the first value and the time from value to value of a waveform, in s.
+    /// Returns the time of a waveform's first value and from value to value, s.
     fn clock(&self) -> Option<(f64, f64)> {
         let increment = self.number("wf_increment").filter(|step| *step > 0.0)?;
         Some((self.number("wf_start_offset").unwrap_or(0.0), increment))
     }
 
-    /// Returns the scales of the stored values in the order in which they are applied; `None` if one is not a
-    /// polynomial. The last scale counts, and each takes the stored values or what another scale makes.
+    /// Returns the scales in the order of application; `None` if one is not a polynomial. The last scale counts; each
+    /// takes the stored values or the result of another scale.
     fn scales(&self) -> Option<Vec<Polynomial>> {
         // A key is `NI_Scale[1]_Scale_Type`.
         let numbered = self.properties.keys().filter_map(|key| {
@@ -618,7 +603,6 @@ impl Channel {
         Some(scales).filter(|scales| scales.len() < 16)
     }
 
-    /// Reads all values.
     fn values(&self, file: &mut OpenFile) -> Result<ArrayValues, TableError> {
         let cut_off = |error| KIND.unread(error, format!("`{}` is cut off", self.name));
         if self.kind == TEXT {
@@ -685,7 +669,6 @@ impl Channel {
     }
 }
 
-/// Applies polynomials one after the other.
 fn scaled(value: f64, scales: &[Polynomial]) -> f64 {
     scales
         .iter()

@@ -1,12 +1,12 @@
-//! The compact protocol of Thrift ("Thrift Compact protocol encoding"), the encoding of Parquet's metadata,
-//! as values whose fields are accessed by number.
+//! The compact protocol of Thrift ("Thrift Compact protocol encoding"), in which Parquet's metadata are encoded, as
+//! values with numbered fields.
 
 use crate::bytes::{ByteReader, push_varint};
 
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Value {
     Truth(bool),
-    /// A 32-bit number to write; any integer that is read becomes a [`Value::Whole`].
+    /// Only written; any integer that is read becomes a [`Value::Whole`].
     Int(i32),
     Whole(i64),
     Bytes(Vec<u8>),
@@ -14,7 +14,6 @@ pub(crate) enum Value {
     Struct(Vec<(i16, Value)>),
 }
 
-/// Type codes of the values that are written.
 const INT: u8 = 5;
 const WHOLE: u8 = 6;
 const BYTES: u8 = 8;
@@ -25,7 +24,6 @@ const STRUCT: u8 = 12;
 const DEPTH: usize = 32;
 
 impl Value {
-    /// Returns the field with this number.
     pub(crate) fn field(&self, number: i16) -> Option<&Value> {
         let Self::Struct(fields) = self else { return None };
         fields.iter().find(|(of, _)| *of == number).map(|(_, value)| value)
@@ -101,7 +99,6 @@ impl From<&str> for Value {
     }
 }
 
-/// Zigzag encoding: maps signed integers of small magnitude to small unsigned ones.
 fn zigzag(value: i64) -> u64 {
     (value << 1 ^ value >> 63) as u64
 }

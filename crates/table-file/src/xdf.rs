@@ -4,14 +4,13 @@
 //! "XDF:" · chunks: length (1, 4 or 8 bytes) · tag u16 · content
 //! ```
 //!
-//! Time stamps are used as recorded, without a straight line fitted through them, which would hide a pause.
-//! Stamps of another computer are converted to the recorder's clock by a least-squares line through the
-//! recorded clock offsets. If a stamp was left out, as the format allows, the sample is one nominal period
-//! after the previous one.
+//! Time stamps are used as recorded, without a fitted line, which would hide a pause. Stamps of another computer are
+//! converted to the recorder's clock by a least-squares line through the recorded clock offsets. A sample without a
+//! stamp, as the format allows, is one nominal period after the previous one.
 //!
-//! A table holds one stream: the named one, or the one with readings (`s1`, `s2`, …), or the only one with
-//! numbers. Forces and moments of other streams are added to a stream with readings, by linear interpolation
-//! between the two samples around each time. Rows before, after and in pauses of these streams are left out.
+//! A table holds one stream: the named one, the one with readings (`s1`, `s2`, …), or the only one with numbers.
+//! Forces and moments of other streams are added to readings by linear interpolation between the two samples around
+//! each time. Rows before, after and in pauses of these streams are left out.
 
 use std::io::Read;
 use std::sync::Arc;
@@ -38,16 +37,14 @@ struct LslStream {
     name: String,
     channels: Vec<TableColumn>,
     rate_hz: f64,
-    /// Type of the values; `None` for text.
+    /// `None` for text.
     element: Option<Element>,
     times_s: Vec<f64>,
-    /// Values by channel.
     values: Vec<Vec<f64>>,
-    /// Clock offsets, s: the time on the stream's clock, and the offset to add to it.
+    /// Clock offsets, s: the stream's time, and the offset to add to it.
     offsets: Vec<(f64, f64)>,
 }
 
-/// The rows of a table, column by column.
 #[derive(Debug)]
 struct XdfRows(Vec<Vec<f64>>);
 
@@ -83,7 +80,7 @@ pub(crate) fn open(source: &FileSource, part: Option<&str>) -> Result<FoundTable
     Ok(FoundTable { columns, rows, notes, is_cut_off })
 }
 
-/// Reads all streams, with their times on the recorder's clock, and returns true if the file is cut off.
+/// Reads all streams, in the recorder's time; returns true if the file is cut off.
 fn read(bytes: &[u8]) -> Result<(Vec<LslStream>, bool), TableError> {
     let mut file = ByteReader::new(bytes);
     if file.take(4) != Some(b"XDF:") {
@@ -151,7 +148,6 @@ fn read_chunk(streams: &mut Vec<LslStream>, content: &[u8]) -> Option<Result<(),
     Some(Ok(()))
 }
 
-/// Reads the header of a stream: its name, the type of its values, and its channels.
 fn header(id: u32, text: &[u8]) -> Result<LslStream, TableError> {
     let mut xml = Xml::new(text);
     let mut stream = LslStream { id, ..LslStream::default() };
@@ -279,7 +275,6 @@ impl LslStream {
     }
 }
 
-/// Returns the position of the stream for the table.
 fn choose(streams: &[LslStream], part: Option<&str>) -> Result<usize, TableError> {
     let those = |is: &dyn Fn(&LslStream) -> bool| -> Vec<usize> {
         (0..streams.len()).filter(|at| is(&streams[*at])).collect()
@@ -301,7 +296,6 @@ fn choose(streams: &[LslStream], part: Option<&str>) -> Result<usize, TableError
     }
 }
 
-/// Returns the columns of a stream, with the columns of the streams joined to it.
 fn table(
     streams: &[LslStream],
     base: usize,

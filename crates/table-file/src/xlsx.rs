@@ -1,7 +1,6 @@
 //! Excel workbooks (Office Open XML, ECMA-376): the cells of one sheet, streamed.
 //!
-//! Rows keep their numbers in the sheet. Formulas yield their stored values, and dates are formatted in ISO
-//! 8601.
+//! Rows keep their numbers in the sheet. Formulas yield their stored values; dates are in ISO 8601.
 
 use std::collections::HashMap;
 use std::io::Read;
@@ -16,20 +15,17 @@ use crate::zip::{ZipEntry, entries};
 
 const KIND: FileKind = FileKind::Xlsx;
 
-/// A sheet of a workbook.
 #[derive(Debug)]
 struct XlsxSheet {
     file: FileSource,
     entry: ZipEntry,
-    /// The shared strings that cells refer to.
     texts: Arc<[String]>,
-    /// The styles of dates and times.
     styles: HashMap<usize, TimeStyle>,
-    /// True if days are counted from 1904, not from 1900.
+    /// True if days count from 1904, not 1900.
     since_1904: bool,
 }
 
-/// Calls `take` with every tag of a file in the archive.
+/// Calls `take` with every tag of an archived file.
 fn each(
     file: &FileSource,
     entry: &ZipEntry,
@@ -106,7 +102,7 @@ fn shared_texts(file: &FileSource, entry: &ZipEntry) -> Result<Vec<String>, Tabl
     Ok(texts)
 }
 
-/// The way a style displays a number of days.
+/// The way a style displays days.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum TimeStyle {
     /// A date, with or without a time.
@@ -117,7 +113,6 @@ enum TimeStyle {
     Elapsed,
 }
 
-/// Returns the styles that display dates or times, by number.
 fn time_styles(
     file: &FileSource,
     entry: &ZipEntry,
@@ -149,8 +144,8 @@ fn time_styles(
     Ok(styles)
 }
 
-/// Determines how a format displays a number of days; `None` if not as a date or time. Letters in quotes have
-/// no meaning, and brackets enclose hours, minutes or seconds that may exceed a day, an hour or a minute.
+/// Determines how a format displays days; `None` if not as a date or time. Quoted letters have no meaning, and
+/// brackets enclose hours, minutes or seconds that may exceed a day, an hour or a minute.
 fn time_style(code: &str) -> Option<TimeStyle> {
     let (mut quoted, mut bracket, mut escaped) = (false, None, false);
     let mut letters = String::new();
@@ -250,7 +245,6 @@ impl XlsxSheet {
     }
 }
 
-/// A cell that is being read.
 struct OpenCell {
     column: usize,
     kind: String,
@@ -310,8 +304,7 @@ fn elapsed(days: f64) -> Cell {
     Cell::Real((days * 86_400e6).round() / 1e6)
 }
 
-/// Converts a number of days to a date or time, rounded to the microsecond, which is about the precision of
-/// such numbers.
+/// Converts days to a date or time, rounded to the microsecond, about the precision of such numbers.
 fn date(days: f64, since_1904: bool) -> Cell {
     // Excel treats 1900 as a leap year.
     let days_to_1970 = if since_1904 { 24_107.0 } else { 25_569.0 };

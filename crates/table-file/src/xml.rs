@@ -1,19 +1,16 @@
-//! A streaming parser for the XML in workbooks: tags, attributes and text. Namespaces are removed; comments,
-//! processing instructions and document types are skipped.
+//! A streaming parser for XML in workbooks: tags, attributes and text. Namespaces are removed; comments, processing
+//! instructions and document types are skipped.
 
 use std::io::{BufRead, BufReader, Read};
 
-/// A tag, and the text before it.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct XmlTag {
     /// Text between the previous tag and this one.
     pub(crate) text: String,
     pub(crate) name: String,
-    /// The attributes, unparsed.
     attributes: String,
-    /// True if the tag starts an element.
     pub(crate) is_start: bool,
-    /// True if the tag ends an element: `</a>`, and also `<a/>`.
+    /// True for `</a>`, and also `<a/>`.
     pub(crate) is_end: bool,
 }
 
@@ -108,7 +105,6 @@ fn too_long() -> String {
 }
 
 impl XmlTag {
-    /// Returns the value of an attribute, with or without a namespace.
     pub(crate) fn attribute(&self, name: &str) -> Option<String> {
         let mut rest = self.attributes.as_str();
         loop {

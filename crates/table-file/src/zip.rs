@@ -9,22 +9,18 @@ use crate::bytes::ByteReader;
 use crate::format::FileSource;
 use crate::kind::{FileKind, TableError};
 
-/// A file in an archive.
 #[derive(Clone, Debug)]
 pub(crate) struct ZipEntry {
     pub(crate) name: String,
     method: u16,
     is_encrypted: bool,
-    /// Compressed length.
     pub(crate) packed: u64,
-    /// Position of the local header.
     start: u64,
 }
 
 /// Largest distance of the end record from the end of the archive: a comment follows it.
 const END: u64 = 22 + 0xffff;
 
-/// Returns the files of an archive.
 pub(crate) fn entries(kind: FileKind, file: &FileSource) -> Result<Vec<ZipEntry>, TableError> {
     let (mut file, length) = (file.open()?, file.length()?);
     let start = length.saturating_sub(END);
@@ -73,8 +69,8 @@ fn entry(bytes: &mut ByteReader<'_>) -> Option<ZipEntry> {
     Some(ZipEntry { name, method, is_encrypted: flags & 1 == 1, packed, start })
 }
 
-/// Returns the compressed length and the position of the header. Numbers that do not fit in 32 bits are in an
-/// extra field, after the uncompressed length if that does not fit either.
+/// Returns the compressed length and the position of the header. Numbers beyond 32 bits are in an extra field, after
+/// the uncompressed length if that does not fit either.
 fn in_64_bits(extra: &[u8], size: u32, packed: u32, start: u32) -> Option<(u64, u64)> {
     let mut fields = ByteReader::new(extra);
     let mut long = ByteReader::new(&[]);

@@ -30,8 +30,7 @@ fn a_piece_that_is_not_on_the_grid_of_its_data_set_is_refused() {
     for name in ["chunked.h5", "gzip.h5"] {
         let bytes = std::fs::read(seeds().join(name)).unwrap();
         assert_eq!(read(bytes.clone()).unwrap().rows, 24, "{name}");
-        // Nodes of chunks: a header of 24 bytes, then size and filter mask of the first chunk, then its
-        // offset.
+        // Nodes of chunks: 24 bytes of header, size and filter mask of the first chunk, then its offset.
         let nodes = (0..bytes.len()).filter(|&at| bytes[at..].starts_with(b"TREE\x01\x00"));
         let places: Vec<usize> = nodes.map(|node| node + 24 + 8).collect();
         assert!(places.len() >= 8, "{name} has {} data sets in pieces", places.len());
@@ -117,8 +116,7 @@ fn misstated(seed: &[u8], random: &mut RandomStream) -> Vec<u8> {
     bytes
 }
 
-/// A file whose vectors claim 2²⁴ rows of one byte in chunks of one row, without an index: a list of the
-/// chunks takes 5.7 GB.
+/// A file whose vectors claim 2²⁴ one-byte rows in chunks of one row: a list of the chunks takes 5.7 GB.
 fn in_tiny_chunks(seed: &[u8]) -> Vec<u8> {
     const FLOATS: [u8; 8] = [0x11, 0x20, 0x3f, 0, 8, 0, 0, 0];
     const BYTES: [u8; 12] = [0x10, 0, 0, 0, 1, 0, 0, 0, 0, 0, 8, 0];

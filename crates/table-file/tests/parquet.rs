@@ -7,7 +7,6 @@ use std::path::Path;
 
 use table_file::{ColumnPart, FileKind, FileSource, Table, TablePart, WantedColumn};
 
-/// Reads the numbers of a list and of two other columns, and the texts of one of them.
 fn columns(path: &Path) -> Result<TablePart, String> {
     let file = FileSource::Disk(path.to_owned());
     let table = Table::open(&file, FileKind::Parquet, None).map_err(|error| error.to_string())?;

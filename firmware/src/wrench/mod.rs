@@ -29,8 +29,8 @@ impl Converter {
 
     /// Returns Fx, Fy, Fz in N and Mx, My, Mz in N·m for readings in counts.
     ///
-    /// Channels set in `saturated` are unreliable; only a physics calibration can leave them out.
-    /// While a zero is being taken, the frame contributes to it.
+    /// Channels in `saturated` are unreliable; only a physics calibration can leave them out. A
+    /// frame contributes to a zero that is being taken.
     pub fn convert(&mut self, readings: &[u16; CHANNELS], saturated: u8) -> [f32; AXES] {
         let wrench = match &self.calibration {
             Calibration::Cubic(cubic) => cubic_wrench(cubic, readings),
@@ -68,11 +68,9 @@ impl Converter {
     }
 }
 
-/// Computes the wrench with a cubic calibration.
-///
-/// `w = C·φ(z) + c` in single precision, with `z = (r − centre) · scale` and the features φ = (z1,
-/// z1², z1³, z2, …). 16-bit readings are exact in an `f32`, and z is of order one, so the error is
-/// about 25 roundings of the largest term: 3e-6 of it.
+/// Computes `w = C·φ(z) + c` in single precision, with `z = (r − centre) · scale` and the features
+/// φ = (z1, z1², z1³, z2, …). 16-bit readings are exact in an `f32`, and z is of order one, so the
+/// error is about 25 roundings of the largest term: 3e-6 of it.
 fn cubic_wrench(calibration: &Cubic, readings: &[u16; CHANNELS]) -> Wrench {
     let Cubic { centre, scale, coefficients, intercept } = calibration;
     // Six numbers per feature, one feature after another: columns of a 6 × 24 matrix.

@@ -79,7 +79,7 @@ fn a_blocked_link_drops_samples_and_counts_them() {
     bench.world.held_up.set(false);
     bench.run_for(100_000);
     let samples = bench.samples();
-    // One sample on its way and the last 15 entries of the queue, one of them a health report, then
+    // One sample on its way, the last 15 entries of the queue (one of them a health report), then
     // those of the 100 ms; the 84 between are counted.
     assert_eq!(samples.len(), 16 + 10);
     let sequence: Vec<u16> = samples.iter().map(|sample| sample.sequence).collect();
@@ -409,9 +409,8 @@ fn the_watchdog_is_not_fed_while_a_conversion_does_not_end() {
     assert!(bench.world.longest_unfed_us.get() >= 5_000_000);
 }
 
-// Light with an amplitude of 300 steps over a reading of 1,600, at the default settings, whose
-// conversions of 1.5 µs make Δ 112 µs: 300 · (1 − cos 2πfΔ) is 1.1 steps at 120.6 Hz, and a channel
-// is rounded to a 16th of a step.
+// Light of amplitude 300 steps over a reading of 1,600, at the default settings (conversions of
+// 1.5 µs, Δ 112 µs): 300 · (1 − cos 2πfΔ) is 1.1 steps at 120.6 Hz; channels are rounded to a 16th.
 #[test]
 fn of_light_that_flickers_less_than_two_steps_are_left() {
     for mains in [50.0, 60.0, 100.0, 120.0] {

@@ -1,5 +1,3 @@
-//! Code shared by the decoder tests.
-
 use proptest::prelude::*;
 use shared_proto::xbee::{Address, ApiFrame};
 use shared_proto::{

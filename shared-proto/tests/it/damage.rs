@@ -22,8 +22,7 @@ fn crc(content: &[u8]) -> u16 {
     })
 }
 
-/// Returns, for every bit of a packet, the effect of flipping it on computed minus received CRC,
-/// which by linearity does not depend on the content.
+/// Effect of flipping each bit on computed minus received CRC, by linearity for any content.
 fn syndromes(content: usize) -> Vec<u16> {
     let zero = crc(&vec![0; content]);
     let mut syndromes: Vec<u16> = (0..8 * content)

@@ -1,7 +1,5 @@
-//! The wire format, pinned by literal bytes.
-//!
-//! A program in another language, written from the README, produced the bytes (bitwise CRC, frames
-//! built field by field). The README shows them, too.
+//! The wire format, pinned by literal bytes, which a program in another language, written from the
+//! README, produced (bitwise CRC, frames built field by field). The README shows them, too.
 
 use shared_proto::xbee::{Address, ApiFrame, Mode};
 use shared_proto::{

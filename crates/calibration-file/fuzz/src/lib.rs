@@ -1,5 +1,3 @@
-//! Helper of the fuzz targets: writes bytes to a file.
-
 use std::path::PathBuf;
 
 /// Writes `bytes` to a file of this process, in memory if the system has a folder for that.

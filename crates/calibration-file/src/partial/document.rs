@@ -45,8 +45,6 @@ struct PartialHeader {
 }
 
 impl PartialFit {
-    /// Reads the JSON document at `path`.
-    ///
     /// # Errors
     /// [`CalibrationFileError`] if it cannot be read, or as [`Self::parse`].
     pub fn read(path: &Path) -> Result<Self, CalibrationFileError> {
@@ -61,8 +59,6 @@ impl PartialFit {
         input::document(path, DocumentKind::Json, Self::parse_edited)
     }
 
-    /// Reads a JSON document.
-    ///
     /// # Errors
     /// [`Problem`] if it is not a partial fit of a known version, or its checksum does not match.
     pub fn parse(text: &[u8]) -> Result<Self, Problem> {
@@ -132,7 +128,7 @@ impl PartialGroups {
                 let sums = SumsByGroup::new(moments_of, Vec::new());
                 sums.map_err(|error| error.to_string())?.total() == Some(total)
             }
-            // The last digits of R factors depend on the order of merging, so compare rows only.
+            // The last digits of R factors depend on the order of merging: compare rows only.
             Sums::Factored(total) => rows == total.rows(),
         };
         ensure!(is_whole, "the sums of the groups do not add up to `{}`", total.field());

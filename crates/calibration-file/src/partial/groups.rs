@@ -1,6 +1,6 @@
-//! The groups of a partial fit. Results depend on the order of the groups in their last bits, so
-//! each records the position of its first row, and groups are sorted into the order of one fit over
-//! all files, sorted by name, whatever the order of merging.
+//! The groups of a partial fit. The last bits of results depend on their order, so each records the
+//! position of its first row; groups are sorted into the order of one fit over all files by name,
+//! whatever the order of merging.
 
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
@@ -37,16 +37,16 @@ pub struct PartialGroup {
 }
 
 impl PartialGroups {
-    /// Creates groups from `sums`, whose rows were assigned to random folds by `split`; `first_in`
-    /// has, for each group, the index of the source with its first row.
+    /// Makes groups from `sums`, assigned to random folds by `split`; `first_in` has, for each
+    /// group, the index of the source with its first row.
     pub fn exact(by: GroupKind, split: RandomSplit, sums: SumsByGroup, first_in: &[usize]) -> Self {
         let SumsByGroup { groups, random, .. } = sums;
         let groups = groups.into_iter().map(|(label, moments)| (label, Sums::Exact(moments)));
         Self { split, random, ..Self::new(by, groups, first_in) }
     }
 
-    /// Creates groups whose rows cannot be summed exactly. They have no random folds: the R factor
-    /// would have to be recomputed without each fold.
+    /// Creates groups that cannot be summed exactly. They have no random folds: the R factor
+    /// would have to be recomputed for each.
     pub fn factored(by: GroupKind, groups: FactoredGroups, first_in: &[usize]) -> Self {
         let groups = groups.groups.into_iter();
         Self::new(by, groups.map(|(label, rows)| (label, Sums::Factored(rows))), first_in)
@@ -149,7 +149,7 @@ impl PartialFit {
     }
 
     /// Sorts sources by name, and groups by their first rows. Without groups no result depends on
-    /// the order, and the sources keep the order of merging.
+    /// the order, and sources keep that of merging.
     pub fn put_in_order(&mut self) {
         let Some(groups) = &mut self.groups else { return };
         let mut sources: Vec<(usize, SourceFile)> = self.sources.drain(..).enumerate().collect();

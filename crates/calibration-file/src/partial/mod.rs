@@ -1,9 +1,8 @@
 //! Partial fits as files: sums over some rows, which merge with the sums over other rows.
 //!
-//! A partial fit is one JSON document. Merging exact sums gives bit for bit the fit over all rows,
-//! in any order and grouping. Rows that cannot be summed exactly leave an R factor instead: merged
-//! R factors give the fit over all rows except for the last digits, the same ones for the same
-//! order.
+//! A partial fit is a JSON document. Merged exact sums give bit for bit the fit over all rows, in
+//! any order and grouping. Rows that cannot be summed exactly leave an R factor: merged R factors
+//! give that fit except for the last digits, the same ones for the same order.
 //!
 //! The documents are described in [`document`], a stream of several in [`stream`].
 
@@ -36,8 +35,8 @@ pub struct PartialFit {
     pub columns: Option<ColumnNames>,
     #[serde(default = "all_axes", skip_serializing_if = "are_all")]
     pub axes: Axes,
-    /// The summed columns: sensors in channel order, then the wrench, by the recognised or
-    /// specified names. Unknown in documents of earlier versions.
+    /// The summed sensors in channel order, then the wrench, by recognised or specified names.
+    /// Unknown in documents of earlier versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub summed: Option<Vec<String>>,
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -14,9 +14,9 @@ const FILL: Colour = Colour(0xd8e6f0);
 /// Most values of a condition that are drawn as points: their quartiles say little.
 const MOST_POINTS: usize = 12;
 
-/// Draws a box for every condition, in the order of `rows`: quartiles and median, Tukey's whiskers,
-/// outliers as open circles, the mean as a diamond, up to twelve values as points. Left per trial,
-/// right per stride. Quantities without values are omitted.
+/// Draws a box per condition, in the order of `rows`: quartiles and median, Tukey's whiskers, outliers as open
+/// circles, the mean as a diamond, up to twelve values as points. Left per trial, right per stride. Quantities
+/// without values are omitted.
 pub fn box_figure(size: Size, title: &str, rows: &[ConditionRow]) -> Figure {
     let of = |quantity: Quantity, per: Per| -> Vec<&ConditionRow> {
         rows.iter().filter(|row| row.quantity == quantity && row.per == per).collect()

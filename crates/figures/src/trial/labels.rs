@@ -1,5 +1,4 @@
-//! Labels below box plots: in one line if they fit, otherwise broken at their separators, or
-//! upright.
+//! Labels below box plots: in one line, broken at their separators, or upright.
 
 use super::super::canvas::{Anchor, Figure, Rect, Size, Style};
 use super::super::lettering;
@@ -46,8 +45,8 @@ impl Names {
         !self.are_upright() && self.height <= ONE_LINE
     }
 
-    /// Draws a name below an edge. A name that is too long loses its middle, as names differ at
-    /// their ends; a tooltip shows the whole name.
+    /// Draws a name below an edge. A name too long loses its middle, as names differ at their ends;
+    /// a tooltip shows it whole.
     fn draw(&self, canvas: &mut Figure, (x, edge): (f64, f64), name: &str) {
         let lines = self.shortened(name);
         let title = (lines != self.broken(name)).then_some(name);
@@ -118,8 +117,8 @@ fn parts(name: &str) -> Vec<&str> {
 
 const SMALL: Style = Style { size: 9.0, ..Style::LABEL };
 
-/// The labels below the boxes: the conditions, and the number of values of each. Upright conditions
-/// appear only below the last panel of a column, as the boxes of all its panels are aligned.
+/// Conditions below the boxes, and the number of values of each. Upright conditions appear only
+/// below the last panel of a column, as the boxes of its panels are aligned.
 pub(super) struct BoxLabels<'a> {
     conditions: Vec<&'a str>,
     names: Names,
@@ -158,7 +157,6 @@ impl<'a> BoxLabels<'a> {
         if self.names.are_upright() { -3.0 } else { self.names.height - 3.0 }
     }
 
-    /// Draws the labels below a panel; `is_last` is for the last in its column.
     pub(super) fn draw(
         &self,
         canvas: &mut Figure,

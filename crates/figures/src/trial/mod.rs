@@ -28,7 +28,7 @@ fn titled(size: Size, height: f64, title: &str) -> Figure {
     Figure::titled(size, size.width(WIDTH), height, title)
 }
 
-/// The pen of a curve; curves differ in style too, as colours cannot be distinguished in grey.
+/// Curves differ in style too, as colours cannot be distinguished in grey.
 type CurvePen = (Colour, Pen);
 
 const SOLID: CurvePen = (palette::series(0), Pen::Round(1.6));
@@ -172,8 +172,7 @@ mod tests {
         let means = smoothed(&t_s, &values, 1.05);
         assert!(means[..5].iter().chain(&means[95..]).all(|mean| mean.is_nan()));
         for (mean, value) in means[6..94].iter().zip(&values[6..94]) {
-            // The mean of a straight line is the line itself; running sums have a hundred values of
-            // at most 30.
+            // The mean of a line is the line; running sums have a hundred values of at most 30.
             assert!((mean - value).abs() < 1e-11);
         }
     }
@@ -272,8 +271,7 @@ mod tests {
         }
     }
 
-    /// Asserts the requirements of a paper's page: the width, letters of 5 to 7 pt, no text cut off
-    /// at the edges or over another.
+    /// Asserts the width, letters of 5 to 7 pt, and no text cut off or over another.
     fn assert_printable(figure: &Figure, size: Size, width_mm: f64) {
         let svg = figure.svg();
         assert!(svg.contains(&format!("width=\"{width_mm}mm\"")), "{}", &svg[..200]);

@@ -1,4 +1,4 @@
-//! Figures over time, with the robot's passage shaded: drag and lift; forces, leg angles and power;
+//! Figures over time with the robot's passage shaded: drag and lift; forces, leg angles and power;
 //! a proposed window over its drag.
 
 use std::f64::consts::TAU;
@@ -14,8 +14,8 @@ use super::{
 
 const HEIGHT: f64 = 230.0;
 
-/// Draws drag (−Fx) and lift (Fz) in N against time in s, with the passage shaded: means over a
-/// stride, with all values pale in the background. Without strides only the values are drawn.
+/// Draws drag (−Fx) and lift (Fz) in N against time in s: means over a stride, with all values pale
+/// in the background. Without strides only the values are drawn.
 pub fn drag_lift_figure(size: Size, title: &str, trace: &Trace, passage: &Passage) -> Figure {
     let (Some(&low), Some(&high)) = (trace.t_s.first(), trace.t_s.last()) else {
         return empty_figure(size, title, "no rows");
@@ -71,8 +71,8 @@ struct StackRow {
     keys: Vec<LegendKey<'static>>,
 }
 
-/// Draws Fx, Fy, Fz in N, the angles of both legs in rad within a turn, and the electrical power of
-/// both motors in W, between two times in s. Omits columns that the trace lacks.
+/// Draws Fx, Fy, Fz in N, both leg angles in rad within a turn, and the electrical power of both
+/// motors in W, between two times in s. Omits columns that the trace lacks.
 pub fn stack_figure(
     size: Size,
     title: &str,
@@ -224,9 +224,9 @@ pub fn window_figure(
     canvas
 }
 
-/// Passage through a channel, s on the log's clock: from first contact, when the front reaches the
-/// channel, to last contact, when the rear leaves it. In that time the front covers the length of
-/// channel plus robot; entry, and exit, each take the robot's share of it.
+/// Passage through a channel, s on the log's clock, from first contact of the front to last contact
+/// of the rear. In that time the front covers the length of channel plus robot; entry, and exit,
+/// each take the robot's share of it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Passage {
     /// Times partly within the channel, or, if the robot's length is unknown, in it at all.
@@ -248,7 +248,6 @@ impl Passage {
         Self { partly_s, wholly_s, partly_name }
     }
 
-    /// Fills the times, under everything else.
     pub(super) fn draw(&self, canvas: &mut Figure, panel: &Panel) {
         let partly = self.partly_s.iter().map(|stretch| (stretch, palette::PARTLY_INSIDE));
         let wholly = self.wholly_s.iter().map(|stretch| (stretch, palette::INSIDE));

@@ -14,7 +14,7 @@ const PITCH: f64 = 134.0;
 const GAP: f64 = 12.0;
 
 /// Draws drag (left) and lift (right) in N over a turn of the right leg, one row per condition:
-/// mean and one standard deviation between strides. All panels have one scale.
+/// mean and one standard deviation between strides, on one scale.
 pub fn phase_figure(size: Size, title: &str, conditions: &[(String, PhaseProfile)]) -> Figure {
     if conditions.is_empty() {
         return empty_figure(size, title, "no strides with forces");

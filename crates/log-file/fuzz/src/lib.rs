@@ -5,17 +5,15 @@ use std::path::PathBuf;
 use log_file::{Log, LogError, LogFormat, Mapping, Meaning, ReadOptions, ReadSummary, Wanted};
 use shell_data::block::Block;
 
-/// Reads `bytes` as a log of a format, in chunks of a few bytes and whole: the rows, the number of skipped
-/// rows, and the error must be the same.
+/// Reads `bytes` as a log, in chunks of a few bytes and whole: rows, number of skipped rows, and error must be equal.
 ///
-/// The number of repeated rows is not compared. A chunk keeps only lines of the previous chunk as context, so
-/// with chunks of a few bytes the previous row is not always known.
+/// Repeated rows are not compared: a chunk of a few bytes does not always have the previous row as context.
 pub fn read_log(bytes: &[u8], format: Option<LogFormat>, piece: usize) {
     let [whole, pieces] = read_both(bytes, format, piece);
     assert_eq!(whole, pieces);
 }
 
-/// Reads `bytes` as [`read_log`] does. Returns what was read whole and in pieces, as text; empty if it is no log.
+/// Reads `bytes` like [`read_log`]. Returns what was read whole and in pieces, as text; empty if it is no log.
 fn read_both(
     bytes: &[u8],
     format: Option<LogFormat>,
@@ -58,8 +56,8 @@ pub fn read_table(bytes: &[u8], magic: &[u8]) {
     let begins = bytes.starts_with(magic) || bytes.starts_with(b"\x1f\x8b");
     let magic = if begins { &[] } else { magic };
     let [whole, pieces] = read_both(&[magic, bytes].concat(), None, bytes.len() % 499 + 100);
-    // A part of a table is decoded before its rows are looked at: of a damaged part and a wrong row in it, only a
-    // smaller part shows the row first.
+    // A part of a table is decoded before its rows. With a damaged part that has a wrong row, only smaller parts
+    // report the row first.
     for (whole, pieces) in whole.into_iter().zip(pieces) {
         assert!(whole.is_err() && pieces.is_err() || whole == pieces, "{whole:?} {pieces:?}");
     }

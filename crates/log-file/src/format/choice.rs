@@ -4,25 +4,18 @@ use super::column_name::{ColumnRef, parse_column, plain};
 use crate::parse::number::parse_field;
 use shell_data::Block;
 
-/// A condition that a row must meet to be read.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RowCondition {
     pub column: ColumnRef,
     pub comparison: Comparison,
-    /// The value to compare with.
     pub value: String,
 }
 
-/// A comparison of a field with a value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Comparison {
-    /// An identical text, or an equal number.
     Equal,
-    /// Neither an identical text nor an equal number.
     Unequal,
-    /// A smaller number.
     Below,
-    /// A larger number.
     Above,
 }
 
@@ -53,7 +46,6 @@ pub(crate) struct PlacedCondition {
 }
 
 impl PlacedCondition {
-    /// Returns true if a row with this value is read.
     pub(crate) fn is_met(&self, found: &str) -> bool {
         let number = |text: &str| parse_field(text.as_bytes()).ok();
         let numbers = number(found).zip(number(&self.value));
@@ -67,8 +59,7 @@ impl PlacedCondition {
     }
 }
 
-/// Keeps the rows of a block that meet all conditions; `values` are the run-length encoded columns of the
-/// conditions.
+/// Keeps the rows that meet all conditions; `values` are their columns, run-length encoded.
 pub(crate) fn keep_chosen(
     block: &mut Block,
     conditions: &[PlacedCondition],
@@ -120,13 +111,11 @@ pub(crate) fn keep_chosen(
 /// A column whose values distinguish the rows of several sensors that alternate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Interleaving {
-    /// The name of the column.
     pub column: String,
     /// Its values in the first rows.
     pub values: Vec<String>,
 }
 
-/// Names of numeric columns that identify sensors.
 const IDENTITIES: [&str; 8] =
     ["id", "sensorid", "deviceid", "boardid", "nodeid", "sensor", "device", "node"];
 
@@ -137,8 +126,7 @@ impl Interleaving {
     /// The largest number of sensors.
     const MOST: usize = 8;
 
-    /// Finds such a column from the first rows. `columns` are the names and fields of columns without a known
-    /// meaning.
+    /// Finds such a column in the first rows. `columns` are the names and fields of columns without a meaning.
     pub(crate) fn find(columns: &[(&str, Vec<String>)]) -> Option<Self> {
         columns.iter().find_map(|(name, fields)| {
             let plain_name = plain(name);

@@ -6,7 +6,6 @@ use crate::parse::date::{DateOrder, is_date, is_time_of_day, order_of};
 use crate::parse::number::parse_field;
 use shell_data::statistics::upper_median;
 
-/// The notation of times that are dates or times of day.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct DateColumn {
     pub(crate) order: DateOrder,
@@ -16,10 +15,9 @@ pub(crate) struct DateColumn {
     pub(crate) is_of_day: bool,
 }
 
-/// The fields of the time column in the first rows.
+/// Fields of the time column in the first rows.
 pub(super) struct ClockFields(Vec<Vec<u8>>);
 
-/// Number of rows that are examined for the unit of a clock.
 pub(super) const CLOCK_ROWS: usize = 64;
 
 impl ClockFields {
@@ -36,12 +34,10 @@ impl ClockFields {
         self.0.first().map(Vec::as_slice)
     }
 
-    /// Returns true if the clock shows the same time in two rows, one below the other.
     pub(super) fn rests(&self) -> bool {
         self.0.windows(2).any(|pair| pair[0] == pair[1])
     }
 
-    /// Returns true if the last time differs from the first.
     pub(super) fn changes(&self) -> bool {
         self.0.first() != self.0.last()
     }
@@ -71,8 +67,8 @@ impl ClockFields {
         }
     }
 
-    /// Returns the median step of times that are rather days since 1900 (Excel) or since year 0 (MATLAB's `datenum`)
-    /// in this century: their steps in seconds would be below 20 µs.
+    /// Returns the median step of times that are days since 1900 (Excel) or since year 0 (MATLAB's `datenum`) in this
+    /// century. Taken as seconds, they would be less than 20 µs apart.
     fn step_in_days(&self) -> Option<f64> {
         let times: Vec<f64> =
             self.0.iter().take(CLOCK_ROWS).filter_map(|field| parse_field(field).ok()).collect();
@@ -84,7 +80,6 @@ impl ClockFields {
         upper_median(&mut steps).filter(|step| is_day && *step < 2e-5)
     }
 
-    /// Returns the median step from row to row of times that are increasing integers.
     fn median_step(&self) -> Option<f64> {
         let times = self.0.iter().take(CLOCK_ROWS).filter_map(|field| parse_field(field).ok());
         let times: Vec<f64> = times.collect();
@@ -97,13 +92,12 @@ impl ClockFields {
     }
 }
 
-/// Returns true if a number is likely a time since 1970.
 pub(super) fn is_since_1970(field: &[u8]) -> bool {
     epoch_unit(field).is_some()
 }
 
-/// Determines the unit of a clock that counts from 1970 by the number of digits: in the years 2001 to 2286 it
-/// has ten digits in s, thirteen in ms, and so on.
+/// Determines the unit of a clock that counts from 1970 by its digits: in 2001 to 2286, ten in s, thirteen in ms, and
+/// so on.
 fn epoch_unit(first: &[u8]) -> Option<TimeUnit> {
     let time = parse_field(first).ok()?;
     let has_digits = |digits: i32| (10_f64.powi(digits - 1)..10_f64.powi(digits)).contains(&time);
@@ -111,8 +105,8 @@ fn epoch_unit(first: &[u8]) -> Option<TimeUnit> {
     units.find(|(_, digits)| has_digits(*digits)).map(|(unit, _)| unit)
 }
 
-/// Determines the unit of a clock with integer times from their step per row, assuming that it is between 100
-/// µs and 2 s. A step below one hundred is taken for seconds, the default for a time without a unit.
+/// Determines the unit of integer times from their step per row, assumed to be between 100 µs and 2 s. A step below
+/// one hundred is taken for seconds, the default for a time without a unit.
 ///
 /// # Errors
 /// The step, if two units are possible.

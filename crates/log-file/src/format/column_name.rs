@@ -2,10 +2,8 @@
 
 use std::fmt;
 
-/// A user's reference to a column.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ColumnRef {
-    /// The name in the header.
     Name(String),
     /// The position in the row; the first column is 1.
     Position(usize),

@@ -12,10 +12,9 @@ use crate::parse::date::DateOrder;
 use shell_data::unit::{Quantity, Scale, Unit};
 use shell_data::wrench::{Axis, PerAxis};
 
-/// A column of a log.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Column {
-    /// The name in the header, or a description of the column in a file without one.
+    /// The header's name, or a description in a file without one.
     pub name: String,
     pub meaning: Meaning,
     /// The unit in the name, below the names or in an option, if it matters.
@@ -23,7 +22,6 @@ pub struct Column {
 }
 
 impl Column {
-    /// Describes the column's meaning with its unit; `None` if it has none.
     pub fn in_words(&self) -> Option<String> {
         let meaning = self.meaning.in_words()?;
         let unit = self.unit.known().map(|unit| unit.symbol.as_str());
@@ -41,7 +39,6 @@ impl Column {
         })
     }
 
-    /// Sets the unit of the column.
     pub(crate) fn set_unit(&mut self, unit: StatedUnit) {
         if let StatedUnit::Known(unit) = &unit {
             self.meaning = self.meaning.scaled(unit.scale);
@@ -63,19 +60,18 @@ pub(crate) struct ColumnRoles {
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Wanted {
     pub time: bool,
-    /// The readings of all channels.
+    /// Readings of all channels.
     pub readings: bool,
-    /// The wrench, for the axes that the log has.
+    /// Wrench, for the axes that the log has.
     pub wrench: bool,
     pub groups: bool,
     /// Additional columns by position in the row, from 0, unconverted.
     pub others: Vec<usize>,
-    /// Text columns by position in the row, from 0, each once.
+    /// Text columns by position in the row, from 0, without repetitions.
     pub texts: Vec<usize>,
 }
 
 impl ColumnRoles {
-    /// Returns the positions of the requested numeric columns.
     pub(crate) fn numbers(&self, wanted: &Wanted) -> Vec<usize> {
         let mut positions = wanted.others.clone();
         positions.extend(self.time.filter(|_| wanted.time));
@@ -85,7 +81,6 @@ impl ColumnRoles {
     }
 }
 
-/// Makes the error for two columns with the same meaning.
 pub(crate) fn duplicate(names: &[String], meaning: String, columns: [usize; 2]) -> PlacedProblem {
     let names = Box::new(columns.map(|at| names[at].clone()));
     PlacedProblem::DuplicateColumn { meaning, columns, names }
@@ -135,7 +130,6 @@ pub(crate) fn recognise(
     Ok((columns, roles))
 }
 
-/// Combines the unit in a column's name with the unit below it.
 fn one_unit(in_name: StatedUnit, below: StatedUnit) -> StatedUnit {
     match (&in_name, &below) {
         (StatedUnit::Known(name), StatedUnit::Known(row)) if name.scale != row.scale => {
@@ -146,8 +140,7 @@ fn one_unit(in_name: StatedUnit, below: StatedUnit) -> StatedUnit {
     }
 }
 
-/// Replaces the log's units by those that the user specifies, and fills in the usual units where the log has
-/// none.
+/// Replaces the log's units by the user's, and fills in the usual units where the log has none.
 fn specify_units(columns: &mut [Column], mapping: &Mapping) -> Result<(), PlacedProblem> {
     let is_known = |key: &str| UNIT_KEYS.contains(&key.to_ascii_lowercase().as_str());
     let is_there = |key: &&String| is_known(key) || columns.iter().any(|of| of.name == **key);
@@ -187,8 +180,7 @@ fn specify_units(columns: &mut [Column], mapping: &Mapping) -> Result<(), Placed
     Ok(())
 }
 
-/// Replaces recognised meanings by those that the user specifies. Returns the group column, if the user
-/// specifies it; it may have another meaning as well.
+/// Replaces recognised meanings by the user's. Returns the user's group column, which may also have another meaning.
 fn apply_mapping(
     names: &[String],
     format: LogFormat,
@@ -235,7 +227,6 @@ fn apply_mapping(
     Ok(group)
 }
 
-/// Returns the existing column names of a matrix `name`.
 fn columns_of(names: &[String], name: &str) -> Vec<String> {
     let numbered = |first: usize, [before, after]: [&str; 2]| -> Vec<String> {
         let columns = (first..).map(|number| format!("{name}{before}{number}{after}"));
@@ -246,7 +237,7 @@ fn columns_of(names: &[String], name: &str) -> Vec<String> {
     all.max_by_key(Vec::len).unwrap_or_default()
 }
 
-/// Returns the columns of a wrench; those that the user names by a matrix may have other names in the log.
+/// Returns the columns of a wrench. If the user names a matrix, its columns may have other names in the log.
 fn wrench_columns(
     names: &[String],
     wrench: &PerAxis<Option<ColumnRef>>,
@@ -268,8 +259,8 @@ fn wrench_columns(
     }
 }
 
-/// Extends `mapping` for a file of matrices, if neither the mapping nor the names identify readings and
-/// wrench: of two matrices, the one with six columns is the wrench and the other has the readings.
+/// Extends `mapping` for matrices, if neither it nor the names identify readings and wrench: of two matrices, the one
+/// with six columns is the wrench.
 pub(crate) fn by_shape(names: &[String], mapping: &Mapping) -> Mapping {
     let mut mapping = mapping.for_columns(names);
     // `a1` is the first column of `a`; `a11` is not taken as a column of `a1`.
@@ -298,7 +289,6 @@ pub(crate) fn by_shape(names: &[String], mapping: &Mapping) -> Mapping {
     mapping
 }
 
-/// Replaces references to a matrix by references to its columns.
 fn of_matrices(names: &[String], references: &[ColumnRef]) -> Vec<ColumnRef> {
     let columns = |reference: &ColumnRef| match reference {
         ColumnRef::Name(name) if position(names, reference).is_none() => {
@@ -325,8 +315,7 @@ pub(crate) fn positions(
     }
 }
 
-/// Returns the position of the column that a user refers to. An exact match of the name takes precedence over
-/// one that ignores case.
+/// Returns the position of a user's column. An exact match takes precedence over one that ignores case.
 fn position(names: &[String], reference: &ColumnRef) -> Option<usize> {
     match reference {
         ColumnRef::Position(position) => position.checked_sub(1).filter(|&at| at < names.len()),
@@ -337,8 +326,8 @@ fn position(names: &[String], reference: &ColumnRef) -> Option<usize> {
     }
 }
 
-/// Converts meanings to positions. It is an error if two columns have the same meaning; for groups, the first
-/// name in [`GROUPS`] wins.
+/// Converts meanings to positions. Two columns with the same meaning are an error; of groups, the first name in
+/// [`GROUPS`] wins.
 fn roles(names: &[String], meanings: &mut [Meaning]) -> Result<ColumnRoles, PlacedProblem> {
     let mut roles = ColumnRoles::default();
     let mut sensors: Vec<Option<usize>> = Vec::new();
@@ -383,15 +372,13 @@ fn roles(names: &[String], meanings: &mut [Meaning]) -> Result<ColumnRoles, Plac
     Ok(roles)
 }
 
-/// Other names of readings, in order of preference: used if no column has a usual name, and if all of a kind
-/// exist.
+/// Other names of readings, in order of preference: used if no column has a usual name and all of a kind exist.
 const OTHER_READINGS: [&str; 7] = ["ch", "channel", "adc", "ain", "ai", "reading", "raw"];
 
 /// Keys that `--unit` accepts in addition to columns.
 pub(super) const UNIT_KEYS: [&str; 9] =
     ["fx", "fy", "fz", "mx", "my", "mz", "force", "moment", "time"];
 
-/// Recognises readings by other names.
 fn recognise_other_readings(names: &[String], meanings: &mut [Meaning]) {
     if meanings.iter().any(|meaning| matches!(meaning, Meaning::Sensor(_))) {
         return;
@@ -413,8 +400,8 @@ fn recognise_other_readings(names: &[String], meanings: &mut [Meaning]) {
     }
 }
 
-/// Recognises a wrench by longer names, if no column has a usual one: `/ft/wrench/force/x`, as PlotJuggler writes
-/// topics, and `Fx1` to `Mz1` of the only force plate. Every axis must be there once, or the user has to choose.
+/// Recognises a wrench by longer names, if no column has a usual one: `/ft/wrench/force/x` (topics in PlotJuggler),
+/// `Fx1` to `Mz1` (the only force plate). Each axis must occur once, or the user has to choose.
 fn recognise_other_wrench(names: &[String], meanings: &mut [Meaning]) {
     let axis_of = |name: &str| match meaning_of(name, LogFormat::Csv).0 {
         Meaning::Load(axis, _) => Some(axis),
@@ -471,7 +458,6 @@ const OTHER_TIMES: [&str; 28] = [
     "seconds",
 ];
 
-/// Recognises the time by another name.
 fn recognise_other_times(names: &[String], meanings: &mut [Meaning]) {
     if meanings.iter().any(|meaning| matches!(meaning, Meaning::Time(_))) {
         return;

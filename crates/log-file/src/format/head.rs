@@ -1,9 +1,8 @@
 //! Finds the first row of a text, and the lines above it that name the columns and units.
 //!
-//! Most lines of the head are rows: they have the same number of fields, and most fields are numbers in the
-//! same columns. The names are a line with as many texts above the first row, possibly after `#`, `%` or
-//! `//`; a line of units may follow. Lines above the names may contain keys and values
-//! ([`keys`](super::keys)).
+//! Most lines of the head are rows: they have the same number of fields, mostly numbers in the same columns. The
+//! names are a line with as many texts above the first row, possibly after `#`, `%` or `//`; a line of units may
+//! follow. Lines above them may contain keys and values ([`keys`](super::keys)).
 
 use super::clock::is_since_1970;
 use super::column_name::plain;
@@ -19,19 +18,17 @@ use crate::parse::form::{
 use crate::parse::number::{parse_field, with_points};
 use shell_data::unit::Unit;
 
-/// The layout of a text, found from its head.
 #[derive(Debug, Default)]
 pub(crate) struct Head {
     pub(crate) separator: u8,
     pub(crate) form: RowForm,
     /// The line number of the names, and the names, if there are any.
     pub(crate) names: Option<(u64, Vec<String>)>,
-    /// The line number of the units below the names, and the units.
+    /// Line number and units below the names, if there are any.
     pub(crate) units: Option<(u64, Vec<String>)>,
     /// Position of the first row, and its line number.
     pub(crate) rows_start: usize,
     pub(crate) rows_line: u64,
-    /// Number of columns in a row.
     pub(crate) columns: usize,
     pub(crate) keys: Keys,
 }
@@ -103,7 +100,6 @@ pub(crate) fn find(
     Some(found)
 }
 
-/// Returns true if a line is a row with labels, keys or an arrow.
 pub(super) fn is_of_other_form(text: &[u8]) -> bool {
     let of_text =
         |text| behind_arrow(text).is_some() || labelled(text).is_some() || object(text).is_some();
@@ -129,8 +125,7 @@ fn declared_separator(line: &[u8]) -> Option<u8> {
 /// The line that ends each of the two headers of a LabVIEW measurement file.
 const END_OF_HEADER: &[u8] = b"***End_of_Header***";
 
-/// Recognises a LabVIEW measurement file, whose second header describes the channels in the columns of the
-/// rows.
+/// Recognises a LabVIEW measurement file, whose second header describes the columns.
 fn of_labview(lines: &[LayoutLine<'_>]) -> Option<Head> {
     if !lines.first()?.text.starts_with(b"LabVIEW Measurement") {
         return None;
@@ -164,7 +159,6 @@ fn of_labview(lines: &[LayoutLine<'_>]) -> Option<Head> {
     })
 }
 
-/// Recognises lines that are JSON objects.
 fn of_objects(lines: &[LayoutLine<'_>], texts: &[&[u8]]) -> Option<Head> {
     let fields = |text: &&[u8]| str::from_utf8(text).ok().and_then(object);
     let at = texts.iter().take(ABOVE).position(|text| text.trim_ascii_start().starts_with(b"{"))?;
@@ -172,7 +166,6 @@ fn of_objects(lines: &[LayoutLine<'_>], texts: &[&[u8]]) -> Option<Head> {
     Some(of_form(RowBody::Json(names.clone()), names, lines[at]))
 }
 
-/// Recognises lines of labels and values.
 fn of_labels(lines: &[LayoutLine<'_>], texts: &[&[u8]]) -> Option<Head> {
     let labels = |text: &[u8]| -> Option<Vec<String>> {
         let pairs = labelled(str::from_utf8(text).ok()?)?;
@@ -200,7 +193,7 @@ fn of_form(body: RowBody, names: Vec<String>, first: LayoutLine<'_>) -> Head {
     }
 }
 
-/// The separator and the number of fields of a line, and the fields that are numbers.
+/// A line's separator, number of fields, and numeric fields.
 #[derive(Debug, Default)]
 struct Shape {
     separator: u8,
@@ -228,8 +221,8 @@ impl Shape {
     }
 }
 
-/// Recognises lines of separated values below other lines. A line of a sheet ends with its last cell, which may
-/// be beside the table.
+/// Recognises separated values below other lines. A line of a sheet ends with its last cell, possibly beside the
+/// table.
 fn of_fields(
     lines: &[LayoutLine<'_>],
     texts: &[&[u8]],
@@ -312,8 +305,7 @@ fn of_fields(
     })
 }
 
-/// Returns the first line that resembles most rows: the same number of fields, and numbers in most of their
-/// numeric columns.
+/// Returns the first line that resembles most rows: as many fields, and numbers in most of their numeric columns.
 fn first_row(shapes: &[Shape], is_row: impl Fn(usize) -> bool) -> Option<usize> {
     let rows: Vec<usize> = (0..shapes.len()).filter(|&at| is_row(at)).collect();
     let weight =
@@ -345,14 +337,14 @@ const NANOSECONDS: [&str; 5] = ["nsec", "nsecs", "nanosec", "nanosecs", "nanosec
 /// The end of the name of nanoseconds that are part of the seconds before them.
 pub(super) const JOINED: &str = " (joined)";
 
-/// Returns true if a column is called nanoseconds: they belong to the seconds in the column before.
+/// Returns true for a name of nanoseconds, which belong to the seconds in the column before.
 pub(super) fn are_nanoseconds(name: &str) -> bool {
     let name = plain(name);
     NANOSECONDS.iter().any(|ending| name.ends_with(ending))
 }
 
-/// Finds a time of ROS in two columns, seconds and nanoseconds: by their names; without names, seconds since 1970
-/// with a text in the column behind them, the name of a frame. Returns the position of the seconds.
+/// Finds the seconds of a ROS time in two columns, by their names or, without names, as seconds since 1970 with a
+/// text (the name of a frame) in the column after the nanoseconds. Returns the position of the seconds.
 pub(super) fn stamp_at(rows: &[u8], separator: u8, names: Option<&[String]>) -> Option<usize> {
     let rows: Vec<Vec<Vec<u8>>> =
         rows_of(rows, 0, 1).take(3).map(|line| fields(line.text, separator)).collect();
@@ -393,7 +385,6 @@ const OTHER_UNITS: [&str; 22] = [
     "hex", "hz", "%", "-", "c", "°c", "pa", "bar", "ut",
 ];
 
-/// Returns true if most of the non-empty fields are units.
 fn are_units(names: &[String]) -> bool {
     let is_unit = |name: &&String| {
         let bare = name.trim_matches(['(', ')', '[', ']']);
@@ -413,8 +404,8 @@ fn uncommented(text: &[u8]) -> Option<&[u8]> {
     Some(rest.strip_prefix(b" ").unwrap_or(rest))
 }
 
-/// Returns the ways to split a line of names: as the rows are, and if these have blanks between their columns,
-/// at other separators, at two or more blanks, or so that brackets stay with the name before them.
+/// Returns the ways to split a line of names: as the rows are, and if these have blanks between columns, at other
+/// separators, at two or more blanks, or with brackets kept with the name before them.
 fn name_fields(text: &[u8], separator: u8) -> Vec<Vec<Vec<u8>>> {
     let mut ways = vec![split(text, separator)];
     if separator != BLANK {
@@ -440,8 +431,8 @@ fn name_fields(text: &[u8], separator: u8) -> Vec<Vec<Vec<u8>>> {
     ways
 }
 
-/// Returns true if the first column has the names of rows, as R writes them, without a name for the column: numbers
-/// from one, or texts in quotes before numbers without quotes.
+/// Returns true if the first column has row names, as R writes them without a header: numbers from one, or quoted
+/// texts before unquoted numbers.
 fn has_row_names(rows: &[&[u8]], separator: u8) -> bool {
     let is_name = |(number, row): (usize, &&[u8])| {
         let bare = row.trim_ascii_start();
@@ -463,7 +454,6 @@ fn to_names(fields: &[Vec<u8>]) -> Vec<String> {
     texts(fields)
 }
 
-/// Splits a line into fields.
 fn split(text: &[u8], separator: u8) -> Vec<Vec<u8>> {
     match separator {
         BLANK if text.contains(&b'"') => {
@@ -485,8 +475,8 @@ pub(super) fn is_numeric(field: &[u8], separator: u8) -> bool {
     is_number(field) || (separator != b',' && is_number(&with_points(field))) || is_date(field)
 }
 
-/// Returns the most frequent separator of a line outside quotes; blanks if a line of numbers has no other,
-/// and a comma if there is none.
+/// Returns the most frequent separator of a line outside quotes; if there is none, blanks for a line of numbers, else
+/// a comma.
 pub(crate) fn line_separator(line: &[u8]) -> u8 {
     let candidates = *b",;\t|";
     let mut counts = [0_usize; 4];

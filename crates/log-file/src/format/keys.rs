@@ -7,11 +7,9 @@ use shell_data::unit::{Quantity, Unit};
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Keys {
     pub(crate) rate_hz: Option<(f64, u64)>,
-    /// Units of forces and of moments.
+    /// Units, and counts per unit, of forces and of moments.
     pub(crate) units: [Option<(String, u64)>; 2],
-    /// Counts per unit of force and of moment.
     pub(crate) counts: [Option<(f64, u64)>; 2],
-    /// True for a LabVIEW measurement file.
     pub(crate) is_labview: bool,
     /// True for an export from Vicon, whose sections end at a blank line.
     pub(crate) is_vicon: bool,
@@ -30,7 +28,6 @@ const RATES: [&str; 9] = [
     "samplespersecond",
 ];
 
-/// Endings of keys for the time from row to row.
 const PERIODS: [&str; 8] = [
     "deltax",
     "sampleinterval",

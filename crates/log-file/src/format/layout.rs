@@ -21,10 +21,9 @@ use crate::stream::source::LogSource;
 use shell_data::unit::{Quantity, Scale, Unit};
 use table_file::{FileKind, Table};
 
-/// Number of bytes at the start of a file that are examined. A header must fit.
+/// Number of bytes examined at the start of a file; a header must fit.
 pub(crate) const HEAD_BYTES: u64 = 1 << 16;
 
-/// The layout of a log.
 #[derive(Debug)]
 pub(crate) struct FileLayout {
     pub(crate) header: Header,
@@ -32,23 +31,20 @@ pub(crate) struct FileLayout {
     pub(crate) roles: ColumnRoles,
     /// The line number of the first row, from 1.
     pub(crate) rows_line: u64,
-    /// The notation of times that are dates or times of day.
     pub(crate) dates: Option<DateColumn>,
-    /// Rows per second, if no column is a time but a line above the names states the rate.
+    /// Rows per second stated above the names, if no column is a time.
     pub(crate) rate_hz: Option<f64>,
     /// True if the first time is an integer in ms, µs or ns that fits 32 bits.
     pub(crate) counts_in_32_bits: bool,
-    /// Conditions that rows must meet to be read.
     pub(crate) conditions: Vec<PlacedCondition>,
-    /// A column that distinguishes sensors whose rows alternate.
+    /// Column that distinguishes sensors whose rows alternate.
     pub(crate) interleaving: Option<Interleaving>,
-    /// Decisions about the lines above the rows, in words.
     pub(crate) decisions: Vec<String>,
 }
 
 impl FileLayout {
-    /// Returns the clock if it may wrap around: the robot's in µs, integers of 32 bits in another unit, or
-    /// the time of day.
+    /// Returns the clock if it may wrap around: the robot's in µs, 32-bit integers in another unit, or the time of
+    /// day.
     pub(crate) fn clock(&self) -> Option<ClockTurns> {
         let column = self.roles.time?;
         let per = self.columns[column].meaning.scale().per;
@@ -63,30 +59,24 @@ impl FileLayout {
     }
 }
 
-/// The contents of the lines before the rows.
 #[derive(Debug)]
 pub(crate) struct Header {
     pub(crate) format: LogFormat,
     pub(crate) separator: u8,
-    /// The notation of values in a line.
     pub(crate) form: RowForm,
     names: Vec<String>,
-    /// The units in a line below the names; empty if there is none.
+    /// Empty if no line of units follows the names.
     units: Vec<String>,
-    /// The line number of the units, if there are any.
     units_line: Option<u64>,
-    /// Values of keys above the names.
     keys: Keys,
     /// Position of the first row in the uncompressed file.
     pub(crate) rows_start: usize,
     /// The number of the line that names the columns, or of the first row if there is none.
     pub(crate) names_line: u64,
-    /// True if numbers have decimal commas.
     pub(crate) has_decimal_commas: bool,
 }
 
 impl Header {
-    /// Makes the header of comma-separated values without units.
     fn new(format: LogFormat, names: Vec<String>, rows_start: usize, names_line: u64) -> Self {
         Self {
             format,
@@ -104,7 +94,6 @@ impl Header {
 }
 
 impl Header {
-    /// Names the kind of text.
     pub(crate) fn kind(&self) -> String {
         match &self.form.body {
             _ if self.keys.is_labview => "LabVIEW measurement file".to_owned(),
@@ -115,7 +104,6 @@ impl Header {
         }
     }
 
-    /// Returns true if the rows end at the first blank line.
     pub(crate) fn ends_at_blank(&self) -> bool {
         self.keys.is_vicon
     }
@@ -218,7 +206,6 @@ pub(crate) fn recognise_layout(
     })
 }
 
-/// Resolves the user's conditions to column positions.
 fn conditions(
     names: &[String],
     group: Option<usize>,
@@ -262,7 +249,6 @@ fn only_dates(rows: &[u8], separator: u8, columns: &[Column]) -> Option<usize> {
     found.next().filter(|_| found.next().is_none())
 }
 
-/// Finds a column that distinguishes sensors whose rows alternate, from the first rows.
 fn interleaving(rows: &[u8], separator: u8, columns: &[Column]) -> Option<Interleaving> {
     let rows: Vec<Vec<Vec<u8>>> = lines(rows, 0, 1)
         .take(CLOCK_ROWS)
@@ -345,7 +331,6 @@ fn decisions(header: &Header, rows_line: u64, takes_rate: bool) -> Vec<String> {
     if is_usual { Vec::new() } else { said }
 }
 
-/// Formats a number with commas between its thousands.
 fn grouped(number: f64) -> String {
     let text = number.to_string();
     let (whole, rest) = text.split_at(text.find('.').unwrap_or(text.len()));
@@ -399,8 +384,7 @@ fn read_header(
     }
 }
 
-/// Parses a telemetry header: the columns are named by the last line with `|` among those that start with
-/// `%`.
+/// Parses a telemetry header: the last `%` line with `|` names the columns.
 fn telemetry_header(
     source: &LogSource,
     head: &[u8],
@@ -490,8 +474,7 @@ fn separated_header(
     Ok(Header { names: numbered(1, columns), ..header })
 }
 
-/// Recognises the head of most logs: the first line names known columns, and rows with the same number of
-/// fields follow.
+/// Recognises the head of most logs: known column names, then rows with as many fields.
 fn usual_head(
     head: &[u8],
     first: &LayoutLine<'_>,
@@ -568,8 +551,8 @@ fn named_head(
 /// Number of rows that are examined for decimal commas.
 const LOOKED_AT: usize = 16;
 
-/// Returns true if a field in the first rows becomes a number when its comma becomes a point, and no field is
-/// one already.
+/// Returns true if a field in the first rows becomes a number with a point for its comma, and no field is one
+/// already.
 fn has_decimal_commas(rows: &[u8], separator: u8) -> bool {
     let is_decimal = |field: &Vec<u8>| {
         field.contains(&b',') && !is_number(field) && is_number(&with_points(field))
@@ -592,8 +575,8 @@ fn is_number(field: &[u8]) -> bool {
     matches!(parse_field(field), Ok(_) | Err(FieldProblem::NotFinite))
 }
 
-/// Returns true if a text is robot telemetry: there are lines with `%` above the rows, and either one of them
-/// names columns separated by `|`, or none of them names columns in any way.
+/// Returns true for robot telemetry: there are `%` lines above the rows, and one names columns separated by `|`, or
+/// none names columns in any way.
 fn is_telemetry(head: &[u8]) -> bool {
     let mut lines = lines(head, 0, 1).map(|line| line.text);
     let above: Vec<&[u8]> = lines.by_ref().take_while(|text| text.starts_with(b"%")).collect();

@@ -4,7 +4,6 @@ use crate::line::without_returns;
 use crate::parse::rows::{is_comment, quoted_fields};
 use memchr::memchr;
 
-/// A line, its position, the position of the next line, and its number.
 #[derive(Clone, Copy)]
 pub(super) struct LayoutLine<'a> {
     pub(super) text: &'a [u8],
@@ -13,7 +12,6 @@ pub(super) struct LayoutLine<'a> {
     pub(super) number: u64,
 }
 
-/// Returns a text without blanks at its ends.
 fn trimmed(text: &[u8]) -> &[u8] {
     let is_other = |byte: &u8| *byte != b' ';
     let start = text.iter().position(is_other).unwrap_or(text.len());
@@ -39,8 +37,7 @@ pub(super) fn all_lines(
     (number..).map_while(line).filter(|line| !line.text.trim_ascii().is_empty())
 }
 
-/// Iterates over these lines without comments, and without blanks at the ends of lines: a tab may separate an
-/// empty field.
+/// Iterates over these lines without comments and trailing blanks. Tabs stay: they may separate an empty field.
 pub(super) fn lines(
     head: &[u8],
     start: usize,

@@ -9,19 +9,16 @@ use shell_data::wrench::{Axis, PerAxis};
 pub use shell_data::{MomentUnit, TimeUnit};
 use std::fmt;
 
-/// The formats of logs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LogFormat {
     /// Robot telemetry of the lab: `%` header lines; the last one names the columns.
     Telemetry,
-    /// Separated values with a header line.
     Csv,
     /// Training file of the lab, without a header: time, eight sensors, six wrench columns.
     ///
-    /// Moments are taken as N·m unless [`Mapping::moment_unit`] says otherwise. In the lab's recording they
-    /// vary by 0.04 and the forces by 0.16 N. The ratio is a lever of a quarter of a metre in N·m, but of a
-    /// quarter of a millimetre in mN·m. The matrices that the lab fitted later give moments in mN·m, which
-    /// are some 150 times these figures rather than about equal.
+    /// Moments are in N·m unless [`Mapping::moment_unit`] says otherwise. In the lab's recording they vary by 0.04
+    /// and the forces by 0.16 N, a lever of a quarter of a metre in N·m but of a quarter of a millimetre in mN·m.
+    /// Moments from the lab's later matrices, in mN·m, are some 150 times these figures.
     Training,
     /// File of the reference sensor: two ignored columns, time, six wrench columns, three accelerations.
     Reference,
@@ -41,7 +38,6 @@ impl fmt::Display for LogFormat {
     }
 }
 
-/// The user's specification of a log; `None` values are recognised from the file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mapping {
     /// The matrix, sheet or topic to read, if the file can contain several.
@@ -51,30 +47,26 @@ pub struct Mapping {
     pub header_line: Option<u64>,
     /// Number of lines to ignore at the start of a text.
     pub skip_lines: Option<u64>,
-    /// The sensor columns, in channel order.
     pub sensors: Option<Vec<ColumnRef>>,
     /// The wrench columns, in the order Fx … Mz; `None` for an axis that the log lacks.
     pub wrench: Option<PerAxis<Option<ColumnRef>>>,
     pub time: Option<ColumnRef>,
-    /// The unit of the time column, which overrides the name.
+    /// Unit of the time column, which overrides the name.
     pub time_unit: Option<TimeUnit>,
     /// The column with the group (pose, session, trial) of each row.
     pub group: Option<ColumnRef>,
-    /// The unit of the moment columns, which overrides the names.
+    /// Unit of the moment columns, which overrides the names.
     pub moment_unit: Option<MomentUnit>,
     /// Units by axis, by `force`, `moment` or `time`, or by column name; they override the log.
     pub units: Vec<(String, String)>,
     /// Units for columns without a unit from the log or the user.
     pub usual_units: Vec<(String, String)>,
-    /// Conditions that rows must meet to be read.
     pub rows: Vec<RowCondition>,
-    /// Groups whose rows are not read.
     pub excluded_groups: Vec<String>,
-    /// Default columns: used if the fields above do not specify any and the log has them.
+    /// Default columns, used if the log has them and the fields above specify no columns.
     pub usual: Option<ColumnNames>,
 }
 
-/// The names of the log formats, with descriptions.
 pub const FORMATS: [(&str, &str, LogFormat); 5] = [
     ("telemetry", "Robot telemetry with `%` header lines", LogFormat::Telemetry),
     ("csv", "Separated values, names in the first line", LogFormat::Csv),
@@ -87,7 +79,6 @@ pub const FORMATS: [(&str, &str, LogFormat); 5] = [
     ("console", "Base-station console with received payloads", LogFormat::Console),
 ];
 
-/// The names of the units of time; the empty descriptions are not needed.
 pub const TIME_UNITS: [(&str, &str, TimeUnit); 4] = [
     ("s", "", TimeUnit::Second),
     ("ms", "", TimeUnit::Millisecond),
@@ -95,7 +86,7 @@ pub const TIME_UNITS: [(&str, &str, TimeUnit); 4] = [
     ("ns", "", TimeUnit::Nanosecond),
 ];
 
-/// The largest column position in a range; guards against typing errors that would request 10⁹ columns.
+/// The largest position in a range; stops typing errors that would request 10⁹ columns.
 const MAX_POSITION: usize = 4096;
 
 /// Parses names and positions separated by commas; `2-9` stands for the positions 2 to 9.
@@ -124,8 +115,7 @@ pub fn parse_columns(text: &str) -> Result<Vec<ColumnRef>, String> {
 /// Parses six columns, the name of a matrix with six columns, or columns by axis: `fx=a,fz=b`.
 ///
 /// # Errors
-/// Errors of [`parse_columns`], a number of columns other than six, and an axis that is unknown or named
-/// twice.
+/// Errors of [`parse_columns`], a number of columns other than six, and an unknown or repeated axis.
 pub fn parse_wrench(text: &str) -> Result<PerAxis<Option<ColumnRef>>, String> {
     let items: Vec<&str> = text.split(',').collect();
     if !items.iter().any(|item| named_axis(item).is_some()) {
@@ -190,7 +180,6 @@ fn date_order(units: &[(String, String)]) -> Option<DateOrder> {
     orders.filter_map(|(_, unit)| DateOrder::from_option(unit)).next()
 }
 
-/// Splits `fx=a` into the axis and its column.
 fn named_axis(item: &str) -> Option<(Axis, &str)> {
     let (name, column) = item.split_once('=')?;
     let axis = Axis::ALL.into_iter().find(|axis| axis.name().eq_ignore_ascii_case(name.trim()))?;
@@ -198,7 +187,6 @@ fn named_axis(item: &str) -> Option<(Axis, &str)> {
 }
 
 impl Mapping {
-    /// Returns true if the user gives a column by its name.
     pub(crate) fn names_columns(&self) -> bool {
         let wrench = self.wrench.iter().flatten().flatten();
         let columns = self.sensors.iter().flatten().chain(wrench).chain(&self.time);
@@ -210,8 +198,8 @@ impl Mapping {
         date_order(&self.units).or_else(|| date_order(&self.usual_units))
     }
 
-    /// Returns the specification for a log with columns of these names, with the usual columns filled in. The
-    /// usual unit of a quantity is used only together with its usual columns.
+    /// Returns the specification for a log with these column names, with the usual columns filled in. A usual unit is
+    /// used only together with its usual columns.
     pub(crate) fn for_columns(&self, names: &[String]) -> Self {
         let mut mapping = self.clone();
         let Some(usual) = mapping.usual.take() else { return mapping };

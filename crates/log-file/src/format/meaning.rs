@@ -15,18 +15,17 @@ pub enum Meaning {
     Time(Scale),
     /// The readings of a channel, from 0.
     Sensor(usize),
-    /// A force or moment, with the scale to N or N·m.
+    /// Force or moment, with the scale to N or N·m.
     Load(Axis, Scale),
     /// The group (pose, session, trial) of a row.
     Group,
     /// Robot telemetry, in counts whose scale is in the robot's profile.
     Telemetry(Telemetry),
-    /// Unused.
     Other,
 }
 
 impl Meaning {
-    /// Describes the meaning; `None` for an unused column.
+    /// Returns `None` for an unused column.
     pub fn in_words(self) -> Option<String> {
         Some(match self {
             Meaning::Time(_) => "time".to_owned(),
@@ -38,7 +37,6 @@ impl Meaning {
         })
     }
 
-    /// Returns the scale that converts values to SI units.
     pub(crate) fn scale(self) -> Scale {
         match self {
             Meaning::Time(scale) | Meaning::Load(_, scale) => scale,
@@ -68,17 +66,13 @@ impl Meaning {
 /// The unit that a log states for a column.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum StatedUnit {
-    /// No unit is stated.
     #[default]
     None,
-    /// A unit that is understood.
     Known(Unit),
-    /// A text that is not a known unit.
     Unknown(String),
 }
 
 impl StatedUnit {
-    /// Parses `text` as a unit of a quantity.
     pub(super) fn new(text: &str, quantity: Quantity) -> Self {
         match Unit::parse(text, quantity) {
             _ if text.trim().is_empty() => Self::None,
@@ -87,7 +81,6 @@ impl StatedUnit {
         }
     }
 
-    /// Returns the unit, if it is known.
     pub fn known(&self) -> Option<&Unit> {
         if let Self::Known(unit) = self { Some(unit) } else { None }
     }
@@ -160,7 +153,6 @@ pub(super) fn unit_in_name(name: &str, quantity: Quantity) -> StatedUnit {
     unit.map_or(StatedUnit::None, StatedUnit::Known)
 }
 
-/// Splits a name into the part before brackets and their content.
 fn in_brackets(name: &str) -> Option<(&str, &str)> {
     let (base, unit) = name.split_once(['(', '[', '{'])?;
     Some((base, unit.trim_end().trim_end_matches([')', ']', '}'])))
@@ -180,11 +172,9 @@ pub(super) fn numbered(plain_name: &str, prefix: &str) -> Option<usize> {
     digits.parse().ok().filter(|_| (1..=3).contains(&digits.len()))
 }
 
-/// Names of a time column.
 const TIMES: [&str; 5] = ["t", "time", "timestamp", "timestamps", "times"];
 
-/// Recognises a time or an axis of the wrench by a name without a unit: `Fx`, `Tx`, `force_x`,
-/// `wrench.torque.z`.
+/// Recognises a time or wrench axis by a name without a unit: `Fx`, `Tx`, `force_x`, `wrench.torque.z`.
 fn quantity_named(name: &str, format: LogFormat) -> Option<Meaning> {
     let name = plain(name);
     if TIMES.contains(&name.as_str()) {
@@ -215,7 +205,6 @@ pub(super) fn default_time_unit(format: LogFormat) -> TimeUnit {
     }
 }
 
-/// Splits `Mx (mN·m)` into `mx` and `mnm`.
 pub(super) fn split_unit(name: &str) -> (String, String) {
     let name = name.trim();
     let stem = name.split(|c: char| !c.is_alphanumeric()).next().unwrap_or_default();

@@ -1,5 +1,4 @@
-//! [`InstructionSet`] for the wide registers of x86-64: searches 32 bytes at a time, and combines the digits
-//! of a number of up to 32 bytes in one register.
+//! [`InstructionSet`] for x86-64: searches 32 bytes at a time, and combines up to 32 digits in one register.
 
 use std::arch::x86_64::__m256i;
 
@@ -7,7 +6,6 @@ use pulp::x86::V3;
 
 use super::instruction_set::{BLOCK, InstructionSet};
 
-/// Processors with AVX2 and its predecessors.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Avx2(pub(crate) V3);
 
@@ -22,8 +20,7 @@ impl InstructionSet for Avx2 {
         [self.places_of(wanted[0], halves), self.places_of(wanted[1], halves)]
     }
 
-    // No closures in this function: code that is not inlined into a function for these processors cannot use
-    // their registers.
+    // No closures here: code that is not inlined into a function for these processors cannot use their registers.
     #[inline(always)]
     fn digits(self, lines: &[u8], start: usize, end: usize) -> Option<(u64, usize)> {
         const WIDTH: usize = 32;

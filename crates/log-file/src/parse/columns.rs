@@ -1,5 +1,4 @@
-//! Conversion of table columns to parsed columns. Invalid values are found, and their rows are left out or
-//! reported.
+//! Conversion of table columns to parsed columns, without the rows of invalid values.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +10,6 @@ use super::parsed_rows::{ParsedRows, RowError};
 use super::rows::{ColumnUse, RowPlan};
 use crate::error::{FieldProblem, RowProblem};
 
-/// The invalid rows of a part, and the error in the first of them.
 #[derive(Default)]
 struct WrongRows {
     rows: Vec<usize>,
@@ -21,7 +19,7 @@ struct WrongRows {
 }
 
 impl WrongRows {
-    /// Adds an invalid row. If several columns of a row are invalid, the first one is reported.
+    /// Adds an invalid row. Only its first invalid column is reported.
     fn add(&mut self, row: usize, problem: impl FnOnce() -> RowProblem) {
         self.rows.push(row);
         let problem = problem();
@@ -149,7 +147,7 @@ impl RowPlan {
     }
 }
 
-/// Removes some rows, in order, from all numeric columns, and counts them as lines that are not rows.
+/// Removes rows, given in order, from all numeric columns, and counts them as lines that are not rows.
 fn leave_out(rows: &[usize], parsed: &mut ParsedRows) {
     let all = parsed.rows;
     for column in &mut parsed.columns {

@@ -1,5 +1,5 @@
-//! The console log of the lab's base station: messages, and among them the payloads sent by the original
-//! SkinProc board, as `SRC: 0x2052 |  [69, 20, 169, 7, …]`.
+//! The console log of the lab's base station: messages, and payloads of the original SkinProc board, as
+//! `SRC: 0x2052 |  [69, 20, 169, 7, …]`.
 //!
 //! Scans are decoded by [`shared_proto::skinproc`]. Other payloads and all other lines are skipped.
 
@@ -50,7 +50,6 @@ pub(crate) fn parse_lines(
     Ok(parsed)
 }
 
-/// Returns the text between the brackets of a line that reports a received payload.
 pub(crate) fn payload(line: &[u8]) -> Option<&[u8]> {
     let received = line.trim_ascii().strip_prefix(b"SRC:")?;
     let bar = memchr(b'|', received)?;

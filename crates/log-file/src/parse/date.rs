@@ -16,7 +16,6 @@ pub(crate) enum DateOrder {
 }
 
 impl DateOrder {
-    /// Parses the spelling in options.
     pub(crate) fn from_option(text: &str) -> Option<Self> {
         match text.to_ascii_lowercase().as_str() {
             "d/m/y" | "dd/mm/yyyy" => Some(Self::DayFirst),
@@ -40,8 +39,7 @@ pub(crate) fn parse_date(field: &[u8], order: DateOrder) -> Result<f64, FieldPro
         .ok_or(FieldProblem::NotADate)
 }
 
-/// Returns the seconds of an elapsed time with its unit, as MATLAB writes durations: `0.25 sec`; and as pandas
-/// does: `0 days 00:00:00.25`.
+/// Returns the seconds of a duration as MATLAB (`0.25 sec`) or pandas (`0 days 00:00:00.25`) writes it.
 fn elapsed(text: &str) -> Option<f64> {
     if let Some((days, time)) = text.split_once(" days ") {
         let days = days.parse::<u32>().ok()?;
@@ -54,18 +52,16 @@ fn elapsed(text: &str) -> Option<f64> {
     Some(Unit::parse(unit, Quantity::Time)?.scale.to_si(number))
 }
 
-/// Returns true if a field is a date, a time of day or an elapsed time.
 pub(crate) fn is_date(field: &[u8]) -> bool {
     [DateOrder::DayFirst, DateOrder::MonthFirst].iter().any(|of| parse_date(field, *of).is_ok())
 }
 
-/// Returns true if a field is a time of day.
 pub(crate) fn is_time_of_day(field: &[u8]) -> bool {
     date_text(field).is_some_and(|text| seconds_of_day(text).is_some())
 }
 
-/// Returns the order of a date in numbers whose year is last: `None` if it is not one, `Some(None)` if both
-/// orders are possible and differ.
+/// Returns the order of a numeric date whose year is last: `None` if it is not one, `Some(None)` if both orders are
+/// possible and differ.
 pub(crate) fn order_of(field: &[u8]) -> Option<Option<DateOrder>> {
     let (date, _) = split(date_text(field)?)?;
     let parts = parts(&date);
@@ -94,7 +90,6 @@ fn seconds_of_day(text: &str) -> Option<f64> {
     format!("{whole}.{}", time.fraction).parse().ok()
 }
 
-/// Rewrites a date and time in ISO 8601.
 fn in_iso(text: &str, order: DateOrder) -> Option<String> {
     let (date, time) = split(text)?;
     let (year, month, day) = year_month_day(&date, order, time.is_some())?;
@@ -192,7 +187,6 @@ impl<'a> ClockTime<'a> {
         let behind_colons = rest.trim_start_matches(':');
         if let Some(after) = rest.strip_prefix(['.', ',']) {
             (time.fraction, rest) = after.split_at(length(after));
-            // Minutes and seconds.
             if time.second.is_none() {
                 (time.hour, time.minute, time.second) = (0, time.hour, Some(time.minute));
             }

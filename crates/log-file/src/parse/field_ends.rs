@@ -2,16 +2,15 @@
 
 use super::instruction_set::{BLOCK, ColumnFields, InstructionSet};
 
-/// Number of fields that are located before they are parsed. It is small enough for the text and the
-/// positions to stay in the first-level cache, and little work is lost at a bad row.
+/// Number of fields located before they are parsed: few enough for the first-level cache, and for little loss at a
+/// bad row.
 const FIELDS_AT_ONCE: usize = 1024;
 
-/// The offsets of the ends of fields and lines. Elements beyond the counts are unused.
+/// Offsets of the ends of fields and lines. Elements beyond the counts are unused.
 #[derive(Debug, Default, PartialEq)]
 pub(crate) struct FieldEnds {
     /// The position before the first field, followed by the end of each field, row by row.
     fields: Vec<u32>,
-    /// The end of each line.
     lines: Vec<u32>,
     field_count: usize,
     line_count: usize,
@@ -55,13 +54,13 @@ impl FieldEnds {
         }
     }
 
-    /// Counts the rows with `columns` fields, up to the first row with a different number or whose end has
-    /// not been found. Removes carriage returns and blanks from the ends of lines.
+    /// Counts the rows with `columns` fields, up to the first that has another number or no end yet. Removes carriage
+    /// returns and blanks from the ends of lines.
     pub(crate) fn whole_rows(&mut self, lines: &[u8], columns: usize) -> usize {
         let last_fields = self.fields[..self.field_count].iter().skip(columns).step_by(columns);
         let mut rows = 0;
-        // The ends of lines are ends of fields as well. As long as they equal the end of every `columns`-th
-        // field, no row has a different number of fields.
+        // Ends of lines are ends of fields as well. If they equal the end of every `columns`-th field, no row has a
+        // different number of fields.
         for (line, field) in self.lines[..self.line_count].iter_mut().zip(last_fields) {
             if line != field {
                 break;
@@ -74,7 +73,6 @@ impl FieldEnds {
         rows
     }
 
-    /// Returns the fields of one of `columns` columns, in whole rows.
     pub(crate) fn of_column(&self, column: usize, columns: usize) -> ColumnFields<'_> {
         let befores = (&self.fields[column..], columns);
         let ends = match column + 1 == columns {
@@ -84,18 +82,16 @@ impl FieldEnds {
         ColumnFields { befores, ends }
     }
 
-    /// Returns the end of the first `rows` whole rows.
     pub(crate) fn end_of(&self, rows: usize, columns: usize) -> usize {
         self.fields[rows * columns] as usize
     }
 }
 
-/// Writes the positions of the set bits, lowest first, plus `base`; returns their number. Later elements may
-/// be overwritten as well.
+/// Writes the positions of the set bits, lowest first, plus `base`; returns their number. May overwrite later
+/// elements.
 #[inline(always)]
 fn write_ends(mut bits: u64, base: u32, positions: &mut [u32; BLOCK]) -> usize {
-    /// More than the usual number of set bits. Writing too many positions is faster than a loop whose length
-    /// cannot be predicted.
+    /// More set bits than usual. Writing too many is faster than a loop of unpredictable length.
     const USUAL: usize = 16;
     let count = bits.count_ones() as usize;
     for position in &mut positions[..USUAL] {

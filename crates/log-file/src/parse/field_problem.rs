@@ -1,13 +1,11 @@
 //! The error in one field of a row.
 
-/// An error in a field. The text says what was expected.
+/// An error in a field. Its text says what was expected.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum FieldProblem {
-    /// The field is empty.
     #[error("a number")]
     Empty,
-    /// The field is not a number.
     #[error("a number")]
     NotANumber,
     /// The field is not a date, but others in the column are.
@@ -16,7 +14,7 @@ pub enum FieldProblem {
     /// The field is NaN, infinite, or too large for a double.
     #[error("a finite number")]
     NotFinite,
-    /// A reading or load exceeds any converter or sensor: it is damaged, or a different quantity.
+    /// A value beyond any converter or sensor: damaged, or a different quantity.
     #[error("{0}")]
     BeyondLimit(&'static str),
 }

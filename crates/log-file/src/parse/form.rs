@@ -1,5 +1,4 @@
-//! Rewrites rows with blanks, labels, JSON or arrows as separated values; every line keeps its position and
-//! length.
+//! Rewrites rows with blanks, labels, JSON or arrows as separated values; lines keep their position and length.
 
 use serde_json::Value;
 use shell_data::unit::Unit;
@@ -7,49 +6,41 @@ use shell_data::unit::Unit;
 use super::date::is_date;
 use crate::line::without_returns;
 
-/// The notation of a row's values in its line.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct RowForm {
-    /// True if a time precedes the values, before an arrow or in brackets, as in text from serial monitors.
+    /// True if a time precedes the values, before an arrow or in brackets, as serial monitors write.
     pub(crate) has_arrow: bool,
     /// True if brackets around values are passed over: `(1.0 2.0)`.
     pub(crate) has_brackets: bool,
-    /// The notation of the values after the arrow.
     pub(crate) body: RowBody,
     /// The position of whole seconds that nanoseconds follow in the next column, as ROS writes times.
     pub(crate) stamp: Option<usize>,
 }
 
-/// The notation of a row's values.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) enum RowBody {
-    /// Values between separators.
     #[default]
     Separated,
     /// Values between one or more blanks.
     Blanks,
     /// Values after these labels: `A:1856 B:1239`.
     Labels(Vec<String>),
-    /// Values of these names in a JSON object.
     Json(Vec<String>),
 }
 
-/// The mark between a time and a row.
 const ARROW: &str = " -> ";
 
 impl RowForm {
-    /// Returns true if lines need no rewriting.
     pub(crate) fn is_plain(&self) -> bool {
         *self == Self::default()
     }
 
-    /// Returns the separator of the rewritten lines.
     pub(crate) fn separator(&self, of_text: u8) -> u8 {
         if self.body == RowBody::Separated { of_text } else { b'\t' }
     }
 
-    /// Rewrites lines as separated values. Each line keeps its length, so that positions stay valid; a line
-    /// in another notation is unchanged.
+    /// Rewrites lines as separated values. Lines keep their length, so that positions stay valid; those in another
+    /// notation are unchanged.
     pub(crate) fn separated(&self, lines: &[u8], separator: u8) -> Vec<u8> {
         let mut made = Vec::with_capacity(lines.len());
         for line in lines.split_inclusive(|&byte| byte == b'\n') {
@@ -65,7 +56,6 @@ impl RowForm {
         made
     }
 
-    /// Rewrites the values of a line.
     fn row(&self, line: &str, separator: u8) -> Option<String> {
         let separator = char::from(self.separator(separator));
         let (time, line) = match self.has_arrow {
@@ -119,8 +109,8 @@ pub(crate) fn blank_fields(line: &str) -> impl Iterator<Item = &str> {
     parts.filter(|part| !part.is_empty())
 }
 
-/// Moves the nanoseconds behind the seconds at a position, as decimals, in at most `longest` bytes. If there is
-/// too little room, a text in the column behind them is left out, and then the last digits.
+/// Moves the nanoseconds behind the seconds as decimals, in at most `longest` bytes. If there is too little room,
+/// drops a text in the next column, then the last digits.
 fn with_one_time(row: &str, separator: char, at: usize, longest: usize) -> String {
     let mut fields: Vec<&str> = row.split(separator).collect();
     let is_whole = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
@@ -164,16 +154,14 @@ pub(crate) fn behind_arrow(line: &str) -> Option<(&str, &str)> {
     }
 }
 
-/// Replaces brackets by blanks.
 pub(crate) fn without_brackets(line: &str) -> String {
     line.replace(['(', ')', '[', ']', '{', '}'], " ")
 }
 
-/// Marks between a value and the next label.
 const MARKS: [char; 5] = [' ', '\t', ',', ';', '|'];
 
-/// Returns labels and their values, if a line contains nothing else. A unit after a value becomes part of its
-/// label: `Reading: 1.5 lbs` is the column `Reading (lbs)`.
+/// Returns labels and values, if a line has nothing else. A unit after a value becomes part of its label:
+/// `Reading: 1.5 lbs` is the column `Reading (lbs)`.
 pub(crate) fn labelled(line: &str) -> Option<Vec<(String, String)>> {
     let (mut rest, mut pairs) = (line.trim_matches(MARKS), Vec::new());
     // Scales print a number and its unit.
@@ -215,7 +203,6 @@ pub(crate) fn object(line: &str) -> Option<Vec<(String, String)>> {
     Some(fields)
 }
 
-/// Returns the seconds of an object with seconds and nanoseconds.
 fn seconds(object: &serde_json::Map<String, Value>) -> Option<String> {
     let number = |names: [&str; 2]| names.iter().find_map(|&name| object.get(name)?.as_u64());
     let (whole, parts) = (number(["sec", "secs"])?, number(["nanosec", "nsecs"])?);

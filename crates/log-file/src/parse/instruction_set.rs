@@ -1,9 +1,7 @@
 //! The operations of [`super::rows`] on many bytes at once, for each instruction set.
 
-/// Number of bytes that are searched together.
 pub(crate) const BLOCK: usize = 64;
 
-/// An instruction set that works on several bytes at once.
 pub(crate) trait InstructionSet: Copy {
     /// Runs `task` with the instructions of this processor, so that the methods can be inlined.
     fn run<R>(self, task: impl FnOnce() -> R) -> R;
@@ -11,10 +9,9 @@ pub(crate) trait InstructionSet: Copy {
     /// Returns for each of `wanted` a bit mask of the bytes that equal it, the first byte in the lowest bit.
     fn find(self, bytes: &[u8; BLOCK], wanted: [u8; 2]) -> [u64; 2];
 
-    /// Parses the digits of `lines[start..end]`, up to 32 bytes, in one or two registers. Returns the number
-    /// without its point, and the number of digits after the point. `None` if there are no digits before or
-    /// after a point, if the number exceeds 64 bits, for any other characters, and for processors without
-    /// such registers.
+    /// Parses the digits of `lines[start..end]`, up to 32 bytes. Returns the number without its point, and the number
+    /// of decimals. `None` if digits are missing before or after a point, if the number exceeds 64 bits, for other
+    /// characters, and for processors without wide registers.
     #[inline(always)]
     fn digits(self, _lines: &[u8], _start: usize, _end: usize) -> Option<(u64, usize)> {
         None
@@ -30,7 +27,6 @@ pub(crate) struct ColumnFields<'a> {
 }
 
 impl ColumnFields<'_> {
-    /// Returns the start and the end of a row's field.
     #[inline(always)]
     pub(crate) fn position(self, row: usize) -> (usize, usize) {
         let (befores, ends) = (self.befores, self.ends);

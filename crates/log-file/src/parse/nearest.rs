@@ -1,9 +1,8 @@
 //! The double nearest to an integer of up to 64 bits times a power of ten.
 //!
-//! The integer is multiplied by the first 128 bits of the power of five. This is enough to round correctly in
-//! all cases but ties, and ties are possible only if the product is exact (D. Lemire, "Number parsing at a
-//! gigabyte per second", Software: Practice and Experience 51, 2021; N. Mushtak and D. Lemire, "Fast number
-//! parsing without fallback", Software: Practice and Experience 53, 2023).
+//! A product with the first 128 bits of the power of five rounds correctly in all cases but ties, which are possible
+//! only if the product is exact (D. Lemire, "Number parsing at a gigabyte per second", Software: Practice and
+//! Experience 51, 2021; N. Mushtak and D. Lemire, "Fast number parsing without fallback", ibid. 53, 2023).
 
 /// The powers of ten that recordings need: 19 digits, with as many zeros before and after them.
 const EXPONENTS: std::ops::RangeInclusive<i32> = -LARGEST..=LARGEST;
@@ -29,8 +28,7 @@ pub(crate) fn nearest(mantissa: u64, exponent: i32) -> Option<f64> {
     let (high, low) = ((product >> 64) as u64, product as u64);
     let first = (high >> 63) as u32;
     let mut bits = high >> (9 + first);
-    // A tie is rounded to even. It is possible only if the power of five divides a mantissa, or is shorter
-    // than 64 bits.
+    // Ties round to even. They need a power of five that divides a mantissa or is shorter than 64 bits.
     let is_tie =
         low <= 1 && (-4..=23).contains(&exponent) && bits & 3 == 1 && bits << (9 + first) == high;
     bits &= !u64::from(is_tie);
@@ -42,8 +40,7 @@ pub(crate) fn nearest(mantissa: u64, exponent: i32) -> Option<f64> {
     Some(f64::from_bits(((power_of_two - 1) << 52) + bits))
 }
 
-/// The first 128 bits of the powers of five, rounded down, except the reciprocals of those below 2⁶⁴, which
-/// are rounded up.
+/// The first 128 bits of the powers of five, rounded down; reciprocals of those below 2⁶⁴ are rounded up.
 static POWERS_OF_FIVE: [u128; 2 * LARGEST as usize + 1] = {
     let middle = LARGEST as usize;
     let mut powers = [0; 2 * LARGEST as usize + 1];
@@ -74,7 +71,6 @@ static POWERS_OF_FIVE: [u128; 2 * LARGEST as usize + 1] = {
     powers
 };
 
-/// Returns 128 bits beginning with the first set bit.
 const fn first_128_bits(words: &[u64; 6]) -> u128 {
     let mut first = 0;
     while words[first] == 0 {

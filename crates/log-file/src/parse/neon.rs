@@ -1,5 +1,5 @@
-//! [`InstructionSet`] for the registers of aarch64: searches 16 bytes at a time, four times, and combines the
-//! digits of a number of up to 32 bytes in two registers.
+//! [`InstructionSet`] for aarch64: searches 16 bytes at a time, four times, and combines up to 32 digits in two
+//! registers.
 
 use std::arch::aarch64::uint8x16_t;
 
@@ -7,7 +7,7 @@ use pulp::aarch64::Neon as Registers;
 
 use super::instruction_set::{BLOCK, InstructionSet};
 
-/// Processors with NEON: all aarch64 processors that run an operating system.
+/// NEON, which all aarch64 processors with an operating system have.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Neon(pub(crate) Registers);
 
@@ -21,8 +21,7 @@ impl InstructionSet for Neon {
         [self.places_of(wanted[0], bytes), self.places_of(wanted[1], bytes)]
     }
 
-    // No closures in this function: code that is not inlined into a function for these processors cannot use
-    // their registers.
+    // No closures here: code that is not inlined into a function for these processors cannot use their registers.
     #[inline(always)]
     fn digits(self, lines: &[u8], start: usize, end: usize) -> Option<(u64, usize)> {
         let neon = self.0.neon;
@@ -53,7 +52,6 @@ impl InstructionSet for Neon {
             high = neon.vbslq_u8(first, high, self.load(before_closer));
             low = neon.vbslq_u8(second, low, self.load(closer));
         }
-        // Sets the bytes before the number to zero.
         let [first, second] = self.last_of_32(digits);
         let zero = neon.vdupq_n_u8(b'0');
         let high = neon.vandq_u8(neon.vsubq_u8(high, zero), first);
@@ -74,14 +72,12 @@ impl Neon {
         pulp::cast(*bytes)
     }
 
-    /// Returns a bit mask of the bytes that equal `byte`.
     #[inline(always)]
     fn places_of(self, byte: u8, bytes: &[u8; BLOCK]) -> u64 {
         let neon = self.0.neon;
         let (quarters, _) = bytes.as_chunks::<16>();
         let byte = neon.vdupq_n_u8(byte);
-        // Gives each byte its bit within a group of eight; adding neighbours three times then combines each
-        // group into one byte.
+        // Gives each byte its bit within a group of eight; adding neighbours three times makes one byte of a group.
         let bits = self.load(&[1, 2, 4, 8, 16, 32, 64, 128, 1, 2, 4, 8, 16, 32, 64, 128]);
         let first = neon.vandq_u8(neon.vceqq_u8(self.load(&quarters[0]), byte), bits);
         let second = neon.vandq_u8(neon.vceqq_u8(self.load(&quarters[1]), byte), bits);
@@ -95,8 +91,7 @@ impl Neon {
         places
     }
 
-    /// Returns four bits per byte of a register whose bytes are all ones or all zeros, the first byte in the
-    /// lowest bits.
+    /// Returns four bits per byte, all ones or all zeros, of a register; the first byte in the lowest bits.
     #[inline(always)]
     fn marks(self, bytes: uint8x16_t) -> u64 {
         let neon = self.0.neon;
@@ -113,8 +108,7 @@ impl Neon {
         [high, low]
     }
 
-    /// Returns the two numbers of eight digits each: neighbouring digits are combined into pairs, pairs into
-    /// fours, fours into eights.
+    /// Returns the two numbers of eight digits: digits are combined into pairs, pairs into fours, fours into eights.
     #[inline(always)]
     fn join(self, values: uint8x16_t) -> [u64; 2] {
         let neon = self.0.neon;

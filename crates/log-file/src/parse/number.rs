@@ -1,17 +1,17 @@
 //! Parsing of decimal numbers to doubles, with the same bits as [`str::parse`].
 //!
-//! Digits are read eight at a time in one 64-bit word. If the digits form an integer `mantissa` of at most
-//! 2⁵³ and there are k ≤ 22 decimals, `mantissa / 10ᵏ` is correctly rounded, because both are exact doubles
-//! (W. D. Clinger, "How to read floating point numbers accurately", PLDI 1990). Mantissas of up to 64 bits,
-//! with or without an exponent, are rounded by [`nearest`]. All else (longer mantissas, spaces, plus signs)
-//! is left to the standard library, which also decides if a text is a number at all.
+//! Digits are read eight at a time in a 64-bit word. For an integer `mantissa` of at most 2⁵³ and k ≤ 22 decimals,
+//! `mantissa / 10ᵏ` is correctly rounded, because both are exact doubles (W. D. Clinger, "How to read floating point
+//! numbers accurately", PLDI 1990). Mantissas of up to 64 bits, with or without an exponent, are rounded by
+//! [`nearest`]. The standard library parses all else (longer mantissas, spaces, plus signs) and decides if a text is
+//! a number.
 
 use memchr::memchr_iter;
 
 use super::field_problem::FieldProblem;
 use super::nearest::nearest;
 
-/// Parses the number in `bytes[at..end]` if its digits fit 64 bits: a decimal with or without an exponent
+/// Parses a decimal, with or without an exponent, in `bytes[at..end]` whose digits fit 64 bits
 /// (`-0.30432148234712341`, `9.6e-05`).
 #[inline(always)]
 pub(crate) fn parse_long(bytes: &[u8], at: usize, end: usize) -> Option<f64> {
@@ -41,8 +41,8 @@ pub(crate) fn signed(negative: bool, mantissa: u64, exponent: i32) -> Option<f64
     Some(f64::from_bits(magnitude.to_bits() | u64::from(negative) << 63))
 }
 
-/// Appends the digits from `bytes[at]` on to the value `before`; returns the value and the end of the digits.
-/// `None` if there are no digits, more than 23, or if the value exceeds 64 bits.
+/// Appends the digits from `bytes[at]` on to `before`; returns the value and the end of the digits. `None` without
+/// digits, for more than 23, or if the value exceeds 64 bits.
 #[inline(always)]
 fn digits_on(bytes: &[u8], at: usize, before: u64) -> Option<(u64, usize)> {
     let (mut value, mut end) = (before, at);
@@ -69,8 +69,7 @@ fn parse_exponent(field: &[u8]) -> Option<i32> {
     is_right.then(|| sign * digits.iter().fold(0, add))
 }
 
-/// Parses the number in `bytes[at..end]` if it is one to eight digits and nothing else, and if enough bytes
-/// precede it.
+/// Parses `bytes[at..end]` if it is one to eight digits and enough bytes precede it.
 #[inline(always)]
 pub(crate) fn parse_digits(bytes: &[u8], at: usize, end: usize) -> Option<u64> {
     let word = u64::from_le_bytes(*bytes.get(..end)?.last_chunk()?);
@@ -94,13 +93,12 @@ pub(crate) fn parse_field(field: &[u8]) -> Result<f64, FieldProblem> {
     text.parse().map_err(|_| FieldProblem::NotANumber).and_then(finite)
 }
 
-/// Checks that a number is finite.
 pub(crate) fn finite(value: f64) -> Result<f64, FieldProblem> {
     if value.is_finite() { Ok(value) } else { Err(FieldProblem::NotFinite) }
 }
 
-/// Replaces each comma between two digits by a point: it is a decimal comma, as used in many languages
-/// together with the separator `;`. The text keeps its length, so that positions stay valid.
+/// Replaces the comma between two digits, a decimal comma in files with the separator `;`, by a point. The text keeps
+/// its length, so that positions stay valid.
 pub(crate) fn with_points(lines: &[u8]) -> Vec<u8> {
     let mut text = lines.to_vec();
     let is_digit = |byte: Option<&u8>| byte.is_some_and(u8::is_ascii_digit);
@@ -112,28 +110,25 @@ pub(crate) fn with_points(lines: &[u8]) -> Vec<u8> {
     text
 }
 
-/// Returns the value and number of the digits at `bytes[at]`, up to eight; `None` if fewer than eight bytes
-/// are left.
+/// Returns the value and number of the digits at `bytes[at]`, up to eight; `None` if fewer bytes are left.
 #[inline(always)]
 fn leading_digits(bytes: &[u8], at: usize) -> Option<(u64, usize)> {
     let word = u64::from_le_bytes(*bytes.get(at..)?.first_chunk()?);
     let values = word ^ 0x3030_3030_3030_3030;
     let digits = others(values).trailing_zeros() / 8;
-    // Moves the digits to the end of the word, after zeros. Two shifts, because a single shift by 64 bits (no
-    // digit) is undefined.
+    // Moves the digits to the end of the word. Two shifts, because one by 64 bits (no digit) is undefined.
     let half = 32 - 4 * digits;
     Some((eight_digits(values << half << half), digits as usize))
 }
 
-/// Returns the top bit of each byte that is not a digit value, 0 to 9: adding 0x76 to any other value sets
-/// it. A carry may affect the bytes after the first such byte, but cannot hide it.
+/// Returns the top bit of each byte that is not 0 to 9: adding 0x76 to any other value sets it. A carry may affect
+/// later bytes, but cannot hide the first one.
 #[inline(always)]
 fn others(values: u64) -> u64 {
     (values.wrapping_add(0x7676_7676_7676_7676) | values) & 0x8080_8080_8080_8080
 }
 
-/// Returns the number of eight digit values, the first in the lowest byte: neighbours are combined into
-/// pairs, pairs into fours, fours into eight, all in one word.
+/// Returns the number of eight digit values, the first in the lowest byte, combined into pairs, fours and eight.
 #[inline(always)]
 fn eight_digits(values: u64) -> u64 {
     const PAIRS: u64 = 0x0000_00ff_0000_00ff;
@@ -158,13 +153,12 @@ mod tests {
     /// Parses like a reader of rows: the fast path if possible.
     fn parse(text: &str) -> Result<f64, FieldProblem> {
         let mut bytes = [BEFORE, text.as_bytes()].concat();
-        // Text after a field in a file, so that whole words can be loaded.
+        // Text after a field, so that whole words can be loaded.
         bytes.extend_from_slice(b",12345678901234567890\n");
         let (start, end) = (BEFORE.len(), BEFORE.len() + text.len());
         parse_long(&bytes, start, end).map_or_else(|| parse_field(text.as_bytes()), Ok)
     }
 
-    /// Text before a field in a file.
     const BEFORE: &[u8] = b"1425168310.852012,-99,";
 
     fn assert_as_std(text: &str) -> Result<(), TestCaseError> {

@@ -6,12 +6,10 @@ use super::field_ends::FieldEnds;
 use super::number::with_points;
 use crate::error::RowProblem;
 
-/// Parsed rows, column by column.
 #[derive(Debug, Default, PartialEq)]
 pub(crate) struct ParsedRows {
     pub(crate) rows: usize,
     pub(crate) skipped: u64,
-    /// The position and error of the first skipped row.
     pub(crate) first_skipped: Option<RowError>,
     /// Numbers of skipped rows by what they have in common.
     pub(crate) skipped_for: BTreeMap<String, u64>,
@@ -20,7 +18,6 @@ pub(crate) struct ParsedRows {
     pub(crate) columns: Vec<Vec<f64>>,
     /// For each text column, runs of equal texts.
     pub(crate) labels: Vec<Vec<(String, usize)>>,
-    /// Working memory: the ends of fields.
     pub(super) ends: FieldEnds,
 }
 
@@ -32,8 +29,7 @@ impl ParsedRows {
         self.passed.clear();
         self.labels.iter_mut().for_each(Vec::clear);
         self.columns.resize_with(columns, Vec::new);
-        // Old numbers stay until new ones overwrite them, because filling columns with zeros in between would
-        // take time.
+        // Old numbers stay until overwritten, because filling columns with zeros in between would take time.
         for column in &mut self.columns {
             column.reserve(capacity.saturating_sub(column.len()));
         }
@@ -64,7 +60,6 @@ impl ParsedRows {
         }
     }
 
-    /// Truncates the columns to the parsed rows.
     pub(crate) fn finish(&mut self) {
         self.columns.iter_mut().for_each(|column| column.truncate(self.rows));
     }
@@ -82,10 +77,9 @@ impl ParsedRows {
     }
 }
 
-/// An error in a row.
 #[derive(Debug, PartialEq)]
 pub(crate) struct RowError {
-    /// Position of the row in the parsed lines, or the index of the row in a part of a table.
+    /// Position in the parsed lines, or the row's index in a part of a table.
     pub(crate) offset: usize,
     pub(crate) problem: RowProblem,
 }

@@ -20,7 +20,6 @@ use shell_data::block::Block;
 use shell_data::instructions::arch;
 use shell_data::unit::Scale;
 
-/// The conversion of a log's rows to blocks.
 #[derive(Debug)]
 pub(crate) struct ReadPlan {
     rows: RowSyntax,
@@ -28,7 +27,6 @@ pub(crate) struct ReadPlan {
     form: RowForm,
     /// Line number of the first row and rows per second, if times are computed from them.
     rate: Option<(u64, f64)>,
-    /// Number of parsed columns.
     numbers: usize,
     time: Option<OutputColumn>,
     /// The clock, if it wraps around.
@@ -37,10 +35,10 @@ pub(crate) struct ReadPlan {
     /// Empty, or one element per axis.
     wrench: Vec<Option<OutputColumn>>,
     others: Vec<OutputColumn>,
-    /// Number of requested text columns, including the groups.
+    /// Number of requested text columns, with the groups.
     labels: usize,
     has_groups: bool,
-    /// Number of text columns that are part of the result.
+    /// Number of text columns in the result.
     texts: usize,
     /// Conditions, whose columns follow these.
     conditions: Vec<PlacedCondition>,
@@ -60,7 +58,6 @@ struct OutputColumn {
     scale: Scale,
 }
 
-/// Memory for parsing a chunk, which is reused for the next chunk.
 #[derive(Debug, Default)]
 pub(crate) struct BlockBuffer {
     pub(crate) parsed: ParsedRows,
@@ -232,8 +229,7 @@ impl ReadPlan {
     /// Columns are swapped with those in `block`, whose memory is reused.
     pub(crate) fn fill(&self, block: &mut Block, parsed: &mut ParsedRows, turns: u32) {
         block.rows = parsed.rows;
-        // The `others` come first and are copied, because several of them may share a column; other columns
-        // are not shared.
+        // `others` come first and are copied, because several may share a column; other columns are not shared.
         block.others.resize_with(self.others.len(), Vec::new);
         for (column, output) in block.others.iter_mut().zip(&self.others) {
             column.clone_from(&parsed.columns[output.slot]);

@@ -1,9 +1,9 @@
 //! Parses rows of separated values into columns. Only the requested columns are parsed.
 //!
-//! The fast path handles some rows at a time: it first locates the ends of all fields, then parses them
-//! column by column. No step waits for the previous one, and branches are predicted well because a column
-//! contains numbers of one kind. Blank and bad rows are parsed one by one. So are lines with quotes that are
-//! needed, with the csv crate; a quoted field cannot contain a line break.
+//! The fast path locates the ends of all fields of some rows, then parses column by column. No step waits for the
+//! previous one, and branches are predicted well because a column has numbers of one kind. Blank and bad rows are
+//! parsed one by one, as are lines with quotes that are needed (with the csv crate); a quoted field cannot contain a
+//! line break.
 
 #[cfg(test)]
 mod tests;
@@ -27,24 +27,21 @@ use shell_data::wrench::Axis;
 /// The column by which a log shows that a reference was recorded beside the board.
 const REFERENCE_NUMBER: &str = "ref_index";
 
-/// The columns of a row that are parsed, and their types.
 #[derive(Debug)]
 pub(crate) struct RowPlan {
     pub(crate) separator: u8,
     pub(crate) uses: Vec<ColumnUse>,
-    /// Columns that are requested as text; they may have another use as well.
+    /// Columns requested as text; they may have another use as well.
     pub(crate) labels: Vec<usize>,
-    /// Names of all columns.
     pub(crate) names: Vec<String>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum ColumnUse {
     Skip,
-    /// Parse the field into the next column of the result, and reject values beyond the limit, if there is
-    /// one.
+    /// Parse a number into the next column of the result, and reject values beyond the limit.
     Number(Option<Limit>),
-    /// Parse the field as a date and time into the next column of the result.
+    /// Parse a date and time into the next column of the result.
     Date(DateOrder),
 }
 
@@ -67,7 +64,6 @@ impl Limit {
 }
 
 impl ColumnUse {
-    /// Returns the largest plausible magnitude.
     pub(super) fn most(self) -> f64 {
         match self {
             Self::Number(Some(Limit(most, _))) => most,
@@ -84,8 +80,7 @@ impl ColumnUse {
 }
 
 impl RowPlan {
-    /// Parses `lines` with an instruction set of this processor and appends their rows to `parsed`. Call
-    /// [`ParsedRows::finish`] after the last lines.
+    /// Parses `lines` and appends their rows to `parsed`. Call [`ParsedRows::finish`] after the last lines.
     pub(crate) fn parse_lines(
         &self,
         instructions: Arch,
@@ -144,8 +139,8 @@ impl RowPlan {
             match self.parse_line(line, parsed) {
                 None => parsed.pass_lines(1),
                 Some(Ok(())) => parsed.rows += 1,
-                // A writer that was killed or lost power leaves a cut-off last row. This is no error, and
-                // neither is a frame without a sample of the reference.
+                // A writer that was killed or lost power leaves a cut-off last row. This is no error, nor is a frame
+                // without a sample of the reference.
                 Some(Err(problem)) if skip_bad_rows || is_cut(&problem) => {
                     parsed.skip(at, problem);
                     parsed.pass_lines(1);
@@ -163,8 +158,8 @@ impl RowPlan {
         Ok(())
     }
 
-    /// Parses `rows` rows column by column, using the ends of their fields; returns the number of valid rows
-    /// before the first invalid one.
+    /// Parses rows column by column from the ends of their fields; returns the number of valid rows before the first
+    /// invalid one.
     fn parse_columns<L: InstructionSet>(
         &self,
         set: L,
@@ -264,7 +259,7 @@ impl RowPlan {
             labels.extend(of_column.map(|(label, _)| (label, field)));
         }
         let expected = self.names.len();
-        // A wrong number of columns is reported in preference to the invalid fields that result from it.
+        // A wrong number of columns takes precedence over the invalid fields that result from it.
         if found != expected {
             problem = Some(RowProblem::ColumnCount { expected, found });
         }
@@ -321,8 +316,8 @@ pub(crate) fn quoted_fields(line: &[u8], separator: u8) -> csv::ByteRecord {
     record
 }
 
-/// Removes the quotes of lines, if all of them enclose a whole field that does not need them. Blanks at the
-/// ends of lines replace them, so that the positions of lines stay valid.
+/// Removes quotes, if all enclose a whole field that does not need them. Blanks at the ends of lines replace them, so
+/// that line positions stay valid.
 fn without_quotes(lines: &[u8], separator: u8) -> Option<Vec<u8>> {
     let ends_field = |byte: u8| byte == separator || byte == b'\n' || byte == b'\r';
     let is_end = |byte: Option<&u8>| byte.is_none_or(|&byte| ends_field(byte));
@@ -353,7 +348,6 @@ fn without_quotes(lines: &[u8], separator: u8) -> Option<Vec<u8>> {
     Some(bare)
 }
 
-/// Returns true if a line is a comment.
 pub(crate) fn is_comment(line: &[u8]) -> bool {
     let line = line.trim_ascii_start();
     line.starts_with(b"#") || line.starts_with(b"//")
@@ -366,7 +360,6 @@ fn blank_lines(lines: &[u8]) -> usize {
     memchr::memrchr(b'\n', &lines[..blank]).map_or(0, |end| end + 1)
 }
 
-/// Like [`parse_column`], for dates and times.
 fn parse_dates(
     lines: &[u8],
     fields: ColumnFields<'_>,
@@ -404,8 +397,7 @@ fn parse_column(
     None
 }
 
-/// Parses the first fields of a column as long as they are integers of up to eight digits; returns their
-/// number.
+/// Parses fields of a column as long as they are integers of up to eight digits; returns their number.
 #[inline(always)]
 fn whole_numbers(lines: &[u8], fields: ColumnFields<'_>, values: &mut [f64]) -> usize {
     for (row, value) in values.iter_mut().enumerate() {
@@ -416,8 +408,7 @@ fn whole_numbers(lines: &[u8], fields: ColumnFields<'_>, values: &mut [f64]) -> 
     values.len()
 }
 
-/// Parses the number in `lines[at..end]` if it is a plain decimal (`-12`, `-0.125`); `None` leaves the field
-/// to [`parse_field`].
+/// Parses a plain decimal (`-12`, `-0.125`) in `lines[at..end]`; `None` leaves the field to [`parse_field`].
 #[inline(always)]
 fn plain_number(set: impl InstructionSet, lines: &[u8], at: usize, end: usize) -> Option<f64> {
     let negative = *lines.get(at)? == b'-';

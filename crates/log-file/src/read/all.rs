@@ -15,26 +15,22 @@ use shell_data::ReadSummary;
 use shell_data::block::Block;
 use shell_data::dataset::{Dataset, LogRows};
 
-/// Options for reading a log.
 #[derive(Clone, Copy, Default)]
 pub struct ReadOptions<'a> {
     /// Number of threads for parsing; 0 for one per core.
     pub threads: usize,
-    /// Count and skip invalid rows.
     pub skip_bad_rows: bool,
-    /// The largest share of invalid rows that is accepted when they are skipped; `None` for any.
+    /// Largest accepted share of invalid rows when they are skipped; `None` for any.
     pub largest_bad_share: Option<f64>,
-    /// Compute the checksum of the file.
     pub checksum: bool,
     /// Called on the caller's thread with the number of bytes read of the file on disk.
     pub progress: Option<&'a (dyn Fn(u64) + Sync)>,
 }
 
 impl ReadOptions<'_> {
-    /// The share of invalid rows above which skipping them has to be requested for all.
+    /// Share of invalid rows up to which they are skipped without a request for all.
     pub const FEW_BAD_ROWS: f64 = 0.1;
 
-    /// Returns the number of threads for parsing.
     pub fn thread_count(&self) -> usize {
         match self.threads {
             0 => std::thread::available_parallelism().map_or(1, usize::from),
@@ -44,14 +40,12 @@ impl ReadOptions<'_> {
 }
 
 impl Log {
-    /// Streams the whole log once: `map` gets its blocks on worker threads, `fold` gets the results of `map`
-    /// on the caller's thread, in file order. `map` may take the columns of a block; the memory of the others
-    /// is reused for the next block.
+    /// Streams the whole log once: `map` gets its blocks on worker threads, `fold` gets the results on the caller's
+    /// thread, in file order. `map` may take columns of a block; the memory of the others is reused.
     ///
     /// # Errors
-    /// [`LogError`] if wanted columns are missing, the file cannot be read, has no rows, or has an invalid
-    /// row (unless these are skipped); and the errors of `fold`, which stop the reading. The first error in
-    /// file order is returned, for any number of threads.
+    /// [`LogError`] if wanted columns are missing, the file cannot be read, has no rows, or has an invalid row
+    /// (unless skipped); and errors of `fold`, which stop the reading. The first error in file order is returned.
     pub fn read<T: Send, E: From<LogError>>(
         &self,
         wanted: &Wanted,
@@ -83,7 +77,7 @@ impl Log {
     }
 }
 
-/// The largest amount of text that a single thread reads: a second thread would start too late to help.
+/// Number of bytes up to which a single thread reads: a second one would start too late to help.
 const READ_ALONE: u64 = 256 << 10;
 
 /// Returns the number of threads for reading some logs, or for work on their rows.
@@ -96,9 +90,9 @@ pub fn threads_for(logs: &[&Log], options: &ReadOptions<'_>) -> usize {
     }
 }
 
-/// Streams the wanted columns of all `logs` once, as [`Log::read`] does for one of them. Every worker thread
-/// has a state, which `init` makes and `map` receives. `map` and `fold` also receive the index of the block's
-/// log. Returns a summary of each log, and the states in no particular order.
+/// Streams the wanted columns of all `logs` once, like [`Log::read`]. `init` makes a state for each worker thread,
+/// which `map` receives. `map` and `fold` also receive the index of the log. Returns a summary of each log, and the
+/// states in no particular order.
 ///
 /// # Errors
 /// Like [`Log::read`], the first error in the order of logs and rows.
@@ -123,7 +117,6 @@ pub fn read_all<S: Send, T: Send, E: From<LogError>>(
     let bytes_read = Arc::clone(&pieces.meter.bytes);
     let mut found = vec![ReadSummary::default(); logs.len()];
     let mut skipped_rows = vec![SkippedRows::default(); logs.len()];
-    // Number of logs that have been read and checked for rows.
     let mut checked = 0;
     let workers = pipeline::run(
         &mut pieces,
@@ -172,7 +165,6 @@ pub fn read_all<S: Send, T: Send, E: From<LogError>>(
     Ok((found, workers.into_iter().map(|(_, state)| state).collect()))
 }
 
-/// Checks that each of the logs that have been read has rows.
 fn check_rows(logs: &[&Log], found: &[ReadSummary]) -> Result<(), LogError> {
     let is_empty = |summary: &ReadSummary| summary.rows == 0 && summary.skipped_rows == 0;
     match logs.iter().zip(found).find(|(_, found)| is_empty(found)) {
@@ -184,8 +176,7 @@ fn check_rows(logs: &[&Log], found: &[ReadSummary]) -> Result<(), LogError> {
     }
 }
 
-/// The line and error of the first skipped row of a log, and numbers of skipped rows by what they have in
-/// common.
+/// The line and error of the first skipped row, and numbers of skipped rows by their common feature.
 type SkippedRows = (Option<(u64, RowProblem)>, BTreeMap<String, u64>);
 
 /// Checks that at most this share of each log's rows was skipped.
@@ -220,7 +211,6 @@ struct PiecesOfLogs<'a> {
     logs: &'a [&'a Log],
     plans: &'a [ReadPlan],
     checksum: bool,
-    /// The index of the current log.
     current: usize,
     pieces: Option<LogPieces<'a>>,
     meter: ReadMeter,
@@ -229,7 +219,6 @@ struct PiecesOfLogs<'a> {
 }
 
 impl Pieces for PiecesOfLogs<'_> {
-    /// The index of a log, and a piece of it.
     type Piece = (usize, LogPiece);
     type Error = LogError;
 
@@ -262,8 +251,8 @@ impl Pieces for PiecesOfLogs<'_> {
     }
 }
 
-/// Reads all rows of some logs into memory, with the wanted columns of each: time, readings, wrench and
-/// groups. [`sample_logs`] adds samples.
+/// Reads all rows into memory, with the wanted columns of each log: time, readings, wrench and groups.
+/// [`sample_logs`] adds samples.
 ///
 /// # Errors
 /// Like [`Log::read`], the first error in the order of logs and rows.
@@ -280,7 +269,7 @@ pub fn read_dataset(
         ..LogRows::default()
     };
     let mut data = Dataset { logs: logs.iter().map(rows).collect() };
-    // A clone has exactly the capacity that it needs; the block's memory is reused for the next.
+    // A clone has just the capacity it needs; the block's memory is reused.
     let copy = |(): &mut (), _, block: &mut Block| block.clone();
     let keep = |log: usize, mut block: Block| {
         data.logs[log].lines.insert(block.offset, std::mem::take(&mut block.lines));

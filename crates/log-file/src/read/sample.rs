@@ -15,14 +15,12 @@ use crate::stream::bytes::ReadMeter;
 use crate::stream::piece::LogPiece;
 use shell_data::block::Block;
 
-/// Number of pieces that are read from a file.
 const PIECES: u64 = 16;
-/// Length of a piece in bytes.
 const PIECE_BYTES: u64 = 1 << 12;
 
 impl Log {
-    /// Returns some rows from all parts of the file, or from its start if it is not plain text: enough to
-    /// choose centres and scales from. Invalid rows are left out.
+    /// Returns rows from all parts of a plain text, or from the start of another file: enough to choose centres and
+    /// scales. Invalid rows are left out.
     ///
     /// # Errors
     /// [`LogError`] if wanted columns are missing or the file cannot be read.
@@ -48,8 +46,8 @@ impl Log {
         Ok(buffer.block)
     }
 
-    /// Determines for each of some columns if it contains text rather than numbers: text in a
-    /// [sample](Self::sample) of rows, or an empty field in any row, because no number represents it.
+    /// Returns for each column if it has text: in a [sample](Self::sample) of rows, or an empty field in any row,
+    /// because no number represents it.
     ///
     /// # Errors
     /// [`LogError`] if the file cannot be read.
@@ -82,7 +80,6 @@ impl Log {
         self.source.bytes.saturating_sub(self.layout.header.rows_start as u64)
     }
 
-    /// Reads lines from evenly spaced parts of the file.
     fn spread_lines(&self) -> Result<Vec<u8>, LogError> {
         let io = |error| self.source.error(error);
         let (mut lines, mut bytes) = (Vec::new(), Vec::new());

@@ -9,9 +9,8 @@ use twox_hash::XxHash3_128;
 
 use crate::checksum;
 
-/// Largest ratio of unpacked to compressed size, beyond 64 MB. A log of measured numbers compresses to
-/// between a third and a twentieth of its text; a file that unpacks to a thousand times its size takes time
-/// and is useless.
+/// Largest ratio of unpacked to compressed size, beyond 64 MB. Logs of measured numbers compress to between a third
+/// and a twentieth of their text; unpacking to a thousand times the size takes time and is useless.
 pub(super) const UNPACKED_RATIO: u64 = 128;
 
 /// A decoder that may return `left` more bytes.
@@ -40,25 +39,21 @@ pub(crate) type ByteStream = Box<dyn Read + Send>;
 /// Counters of the bytes read from files on disk.
 #[derive(Clone, Default)]
 pub(crate) struct ReadMeter {
-    /// Number of bytes read.
     pub(crate) bytes: Arc<AtomicU64>,
-    /// The checksum of the current file, if requested.
     checksum: Option<Arc<Mutex<XxHash3_128>>>,
 }
 
 impl ReadMeter {
-    /// Starts another file.
     pub(crate) fn begin(&mut self, checksum: bool) {
         self.checksum = checksum.then(Arc::default);
     }
 
-    /// Returns a meter that counts no bytes for the checksum of the current file, if that was requested.
+    /// Returns a meter that counts no bytes, for the current file's checksum if that was requested.
     pub(super) fn of_checksum(&self) -> Option<Self> {
         let checksum = self.checksum.clone()?;
         Some(Self { bytes: Arc::default(), checksum: Some(checksum) })
     }
 
-    /// Adds to the number of bytes read.
     pub(crate) fn count(&self, bytes: u64) {
         self.bytes.fetch_add(bytes, Ordering::Relaxed);
     }

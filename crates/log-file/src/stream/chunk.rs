@@ -1,7 +1,6 @@
 //! Cuts a stream of lines into chunks of whole lines and similar size.
 //!
-//! The positions of the cuts depend only on the bytes of the file, so that results which depend on them are
-//! the same for any number of threads.
+//! Cuts depend only on the bytes of the file, so that results are the same for any number of threads.
 
 use std::io::{self, Read};
 
@@ -11,23 +10,20 @@ use crate::line::line_ends;
 
 use super::clock_turns::ClockTurns;
 
-/// Number of bytes read at a time: few enough to stay in a core's cache from reading to parsing, together
-/// with the parsed columns.
+/// Number of bytes read at a time: few enough to stay in a core's cache, with the parsed columns, until parsed.
 pub(crate) const CHUNK_BYTES: usize = 96 << 10;
 
 /// The first chunk is smaller by this factor, because it is parsed by one thread alone.
 const FIRST_CHUNK_SHARE: usize = 8;
 
-/// The longest line that is read, in bytes; it limits the memory for a file without line ends.
+/// The longest line in bytes; limits the memory for a file without line ends.
 pub(crate) const LINE_LIMIT: usize = 1 << 20;
 
 /// Number of bytes of preceding lines that accompany a chunk.
 const CONTEXT_BYTES: usize = 1 << 12;
 
-/// A run of complete lines of a file.
 #[derive(Debug, Default)]
 pub(crate) struct Chunk {
-    /// Position of the chunk in the (uncompressed) file.
     pub(crate) offset: u64,
     /// Number of the first line in the file, from 1.
     pub(crate) line: u64,
@@ -46,25 +42,21 @@ impl Chunk {
     }
 }
 
-/// The error for a line longer than [`LINE_LIMIT`], with its number.
+/// A line longer than [`LINE_LIMIT`], with its number.
 #[derive(Debug, thiserror::Error)]
 #[error("line {0} is too long")]
 pub(crate) struct LongLine(pub(crate) u64);
 
-/// A stream of bytes as a sequence of chunks.
 pub(crate) struct ChunkStream<R> {
     stream: R,
     chunk_bytes: usize,
-    /// The number of the next line.
     line: u64,
-    /// Number of bytes read from the stream.
     position: u64,
     skip: u64,
     carry: Vec<u8>,
     context: Vec<u8>,
-    /// Counts the wraparounds of a clock, if it may wrap.
+    /// Present if the clock may wrap.
     pub(crate) clock: Option<ClockTurns>,
-    /// True if the rows end at the first blank line.
     pub(crate) ends_at_blank: bool,
     has_begun: bool,
     ended: bool,
@@ -88,7 +80,6 @@ impl<R: Read> ChunkStream<R> {
         }
     }
 
-    /// Returns true if the whole stream has been read.
     pub(crate) fn ended(&self) -> bool {
         self.ended
     }
@@ -117,7 +108,7 @@ impl<R: Read> ChunkStream<R> {
         self.has_begun = true;
         chunk.offset = self.position - filled as u64;
         let length = loop {
-            // Reads up to a multiple of the size, so that whole pages are copied.
+            // Up to a multiple of the size, so that whole pages are copied.
             let target = filled + (chunk_bytes - self.position % chunk_bytes) as usize;
             if buffer.len() < target {
                 buffer.resize(target, 0);
@@ -170,7 +161,6 @@ impl<R: Read> ChunkStream<R> {
     }
 }
 
-/// Returns the position of the first blank line.
 fn blank_line(lines: &[u8]) -> Option<usize> {
     let mut at = 0;
     lines.split_inclusive(|&byte| byte == b'\n').find_map(|line| {
@@ -180,8 +170,7 @@ fn blank_line(lines: &[u8]) -> Option<usize> {
     })
 }
 
-/// Reads until `buffer` is full or the stream ends, so that cuts do not depend on the number of bytes that a
-/// single read returns.
+/// Reads until `buffer` is full or the stream ends: cuts do not depend on what a single read returns.
 fn read_full(stream: &mut impl Read, buffer: &mut [u8]) -> io::Result<usize> {
     let mut filled = 0;
     while filled < buffer.len() {

@@ -1,9 +1,8 @@
 //! Counts the wraparounds of a clock before each chunk: of a 32-bit counter, or of the time of day.
 //!
-//! The robot's clock counts µs in 32 bits, so it wraps around every 71.6 min; the clock of another logger may
-//! count ms or ns, or begin again at midnight. Chunks are handed out in file order. A comparison of a chunk's
-//! first time with the first and last times of the previous chunk finds the wraparounds, as long as a chunk is
-//! shorter than half a turn.
+//! The robot's clock counts µs in 32 bits and wraps around every 71.6 min; another logger's may count ms or ns, or
+//! begin again at midnight. A comparison of a chunk's first time with the first and last times of the previous chunk
+//! in file order finds the wraparounds, as long as a chunk is shorter than half a turn.
 
 use crate::parse::date::{DateOrder, parse_date};
 use crate::parse::form::RowForm;
@@ -12,19 +11,17 @@ use crate::parse::number::parse_field;
 /// The number of units after which a 32-bit counter wraps around.
 pub(crate) const TURN: f64 = 4_294_967_296.0;
 
-/// The number of seconds after which the time of day begins again.
 const DAY: f64 = 86_400.0;
 
 /// Number of lines of a chunk that are searched for a time.
 const LINES: usize = 8;
 
-/// Counts the turns before each of a sequence of chunks.
 #[derive(Clone, Debug)]
 pub(crate) struct ClockTurns {
     form: RowForm,
     separator: u8,
     column: usize,
-    /// The number of units after which the clock wraps around.
+    /// Number of units after which the clock wraps around.
     turn: f64,
     /// A wraparound is a step from at most this far below a turn to at most this far above 0.
     margin: f64,
@@ -43,7 +40,6 @@ impl ClockTurns {
         Self { margin: TURN / 8.0, ..self }
     }
 
-    /// Adapts it to times of day.
     pub(crate) fn of_day(self) -> Self {
         Self { turn: DAY, margin: DAY / 8.0, ..self }
     }
@@ -71,8 +67,7 @@ impl ClockTurns {
         let first = lines.split(is_end).take(LINES).find_map(time);
         let last = lines.rsplit(is_end).take(LINES).find_map(time);
         let Some(ends) = first.zip(last) else { return self.turns };
-        // An increasing time has not wrapped, unless by more than half a turn; most chunks need no closer
-        // look.
+        // An increasing time has not wrapped, unless by more than half a turn.
         let times = if ends.1 < ends.0 {
             lines.split(is_end).filter_map(time).collect()
         } else {
@@ -89,7 +84,7 @@ impl ClockTurns {
         }
     }
 
-    /// Counts the turns within some times, which begin and end with these; returns the turns before them.
+    /// Counts the turns within `times`, which begin and end with `first` and `last`; returns the turns before them.
     fn count(&mut self, (first, last): (f64, f64), times: &[f64]) -> u32 {
         self.turns += u32::from(self.before.is_some_and(|before| self.has_turned(before, first)));
         let turns = self.turns;

@@ -1,26 +1,24 @@
 //! Joins two files row by row into one text: the lines `1,2` and `3` become `1,2,3`.
 //!
-//! Either both files have names in their first line, or neither has. A name in both files refers to the first
-//! file.
+//! Either both files have names in their first line, or neither. A name in both refers to the first file.
 
 use std::io::{self, BufRead, BufReader, Read};
 
 use super::text_stream::TextStream;
 
-/// The longest line.
+/// The longest line, bytes.
 const LONGEST: u64 = 1 << 20;
 
-/// Number of bytes of text that are made at a time.
+/// Bytes of text made at a time.
 const TEXT_BYTES: usize = 1 << 16;
 
 /// The reason why the rows of two files cannot be joined.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RowMismatch {
-    /// Only one of the files has this line.
+    /// The number of a line that only one file has.
     #[error("line {0} is in one of them alone")]
     Lines(u64),
-    /// The first lines have different separators.
     #[error("`{}` separates the columns of the one, `{}` those of the other", char::from(*.0), char::from(*.1))]
     Separators(u8, u8),
     /// One file begins with names, the other with numbers.
@@ -29,7 +27,6 @@ pub enum RowMismatch {
     /// The first file is a log with several header lines.
     #[error("robot telemetry has no file beside it")]
     Telemetry,
-    /// A line exceeds the longest that is read.
     #[error("line {0} is longer than {LONGEST} bytes")]
     Long(u64),
 }
@@ -38,9 +35,7 @@ pub enum RowMismatch {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Sides {
     separator: u8,
-    /// True if the columns have names.
     pub(crate) has_names: bool,
-    /// Number of columns in each file.
     pub(crate) columns: [usize; 2],
 }
 
@@ -95,7 +90,6 @@ impl Sides {
     }
 }
 
-/// Returns the separator of a line, if it has several fields.
 pub(crate) fn separator(line: &[u8]) -> Option<u8> {
     // Commas come last, because they may be decimal.
     b";\t,".iter().copied().find(|separator| line.contains(separator))
@@ -108,7 +102,6 @@ fn is_number(field: &[u8], separator: u8) -> bool {
     text.parse::<f64>().is_ok()
 }
 
-/// Joins the text of two files.
 pub(crate) fn joined<R: Read>(files: [R; 2], sides: Sides) -> impl Read {
     let [mut first, mut second] = files.map(CompanionLines::new);
     let (mut are_names, mut line) = (sides.has_names, 0);
@@ -137,7 +130,6 @@ pub(crate) fn joined<R: Read>(files: [R; 2], sides: Sides) -> impl Read {
     })
 }
 
-/// Reads the lines of a file, one at a time.
 #[derive(Debug)]
 struct CompanionLines<R> {
     stream: BufReader<R>,

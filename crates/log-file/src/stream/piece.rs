@@ -51,7 +51,6 @@ impl Log {
 }
 
 impl LogPieces<'_> {
-    /// Returns true if all pieces have been read.
     pub(crate) fn ended(&self) -> bool {
         match self {
             Self::Text(chunks) => chunks.ended(),

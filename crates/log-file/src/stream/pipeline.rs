@@ -6,9 +6,9 @@
 //!              └────────── room for another result ───────────┘
 //! ```
 //!
-//! Every thread has a state, which `init` makes and which is returned at the end. Results that do not depend
-//! on the order are summed in it, without locks. The assignment of pieces to threads is random; the pieces
-//! and the order of the results are not.
+//! `init` makes a state for every thread, which is returned at the end. Results that do not depend on the order are
+//! summed in it, without locks. The assignment of pieces to threads is random; the pieces and the order of results
+//! are not.
 
 use shell_data::lock::lock;
 use std::collections::VecDeque;
@@ -19,11 +19,9 @@ use std::sync::Mutex;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::ScopedJoinHandle;
 
-/// A sequence that is cut into pieces, one after another.
 pub trait Pieces: Send {
     /// A piece, or memory that is reused for one.
     type Piece: Default + Send;
-    /// The reason why the next piece cannot be read.
     type Error: Send;
 
     /// Returns true if `next` will return no more pieces.
@@ -36,7 +34,6 @@ pub trait Pieces: Send {
     fn next(&mut self, piece: &mut Self::Piece) -> Result<bool, Self::Error>;
 }
 
-/// Yields the numbers of the range one by one.
 impl Pieces for Range<usize> {
     type Piece = usize;
     type Error = Infallible;
@@ -50,13 +47,13 @@ impl Pieces for Range<usize> {
     }
 }
 
-/// Number of pieces per thread that may be in progress or wait for an earlier one; limits the memory.
+/// Pieces per thread in progress or waiting for an earlier one; limits the memory.
 const WAITING_PER_THREAD: usize = 4;
 
-/// Passes every piece of `pieces` to `work` and the results to `fold`, in the order of the pieces.
+/// Passes every piece to `work` and the results to `fold`, in the order of the pieces.
 ///
-/// `work` may change the piece, whose memory is reused, and the state of its thread. Returns the states of
-/// all threads, beginning with the thread of the first piece.
+/// `work` may change the piece, whose memory is reused, and its thread's state. Returns the states of all threads,
+/// beginning with that of the first piece.
 ///
 /// ```
 /// use std::convert::Infallible;
@@ -87,7 +84,6 @@ pub fn run<P: Pieces, S: Send, T: Send, E: From<P::Error>>(
     mut fold: impl FnMut(T) -> Result<(), E>,
 ) -> Result<Vec<S>, E> {
     let (mut state, mut piece) = (init(), P::Piece::default());
-    // No thread is started for a single piece.
     loop {
         if !pieces.next(&mut piece)? {
             return Ok(vec![state]);
@@ -161,8 +157,8 @@ fn work_on_pieces<P: Pieces, S, T>(
     }
 }
 
-/// Passes results to `fold` in order until the workers have ended; each result makes room for another piece.
-/// The channel ends that the workers wait for are dropped at the end, or when `fold` panics.
+/// Passes results to `fold` in order until the workers have ended; each result makes room for another piece. Drops
+/// the channel ends that the workers wait for at the end, or when `fold` panics.
 fn fold_in_order<T, E, F: From<E>>(
     finished: Receiver<Numbered<T, E>>,
     room: Sender<()>,

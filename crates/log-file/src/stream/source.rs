@@ -1,5 +1,5 @@
-//! The source of a log: a text file, decompressed and converted to UTF-8 if necessary, or a table in a binary
-//! file; with an optional companion file.
+//! The source of a log: text, decompressed and converted to UTF-8, or a table in a binary file; with an optional
+//! companion file.
 //!
 //! ```text
 //! file ─▶ gzip, zstd ─▶ UTF-16 ─▶ text ─▶ joined with a companion file, line by line
@@ -27,23 +27,19 @@ use crate::error::{LogError, LogPosition, PlacedProblem};
 /// A file that can be read from its start any number of times.
 #[derive(Clone, Debug)]
 pub(crate) struct LogSource {
-    /// The path as given.
     pub(crate) path: PathBuf,
-    /// Size of the file in bytes.
     pub(crate) bytes: u64,
     file: FileSource,
     container: Container,
-    /// For UTF-16 text: true if it is big-endian.
+    /// True for big-endian UTF-16.
     utf16: Option<bool>,
-    /// The temporary copy of standard input, which must exist as long as it is read.
+    /// The temporary copy of standard input, which must outlive all reads.
     _spool: Option<Arc<TempPath>>,
-    /// A file whose columns follow the columns of this file, row by row.
+    /// A file whose columns follow those of this file, row by row.
     pub(crate) companion: Option<Arc<LogSource>>,
-    /// Properties of both files, from their first lines.
     pub(crate) sides: Sides,
 }
 
-/// Number of table rows that are examined to recognise the columns.
 const HEAD_ROWS: usize = 256;
 
 /// Copies standard input to a file, because logs are read several times.
@@ -73,7 +69,6 @@ fn recording_in(folder: &Path) -> io::Result<PathBuf> {
     }
 }
 
-/// The container of a log's text.
 #[derive(Clone, Debug)]
 enum Container {
     Plain,
@@ -83,8 +78,7 @@ enum Container {
 }
 
 impl LogSource {
-    /// Opens the file at `path`, or standard input for `-`; `part` names the table to read from a file that
-    /// can contain several.
+    /// Opens the file at `path`, or standard input for `-`; `part` names the table of a file with several.
     pub(crate) fn new(path: &Path, part: Option<&str>) -> Result<Self, LogError> {
         let failed = |source| LogError::Io { path: path.to_owned(), source };
         let is_stdin = path.as_os_str() == "-";
@@ -104,7 +98,6 @@ impl LogSource {
         Self { _spool: spool.map(Arc::new), ..Self::plain(path, file) }.recognise(part)
     }
 
-    /// Makes a source from a file in memory with the given name.
     pub(crate) fn in_memory(
         name: &Path,
         bytes: Arc<[u8]>,
@@ -119,7 +112,6 @@ impl LogSource {
         Self { path, bytes: 0, file, container, utf16: None, _spool: None, companion: None, sides }
     }
 
-    /// Recognises the container and encoding from the first bytes.
     fn recognise(mut self, part: Option<&str>) -> Result<Self, LogError> {
         self.bytes = self.file.length().map_err(|error| self.error(error))?;
         let start = self.start(self.open_file()?)?;
@@ -192,8 +184,8 @@ impl LogSource {
         Ok([head(self)?, companion.unwrap_or_default()])
     }
 
-    /// Returns the first bytes of the text, at most `bytes`. For a table, returns its first rows as text, in
-    /// which only the columns `shown` are filled if the columns have names.
+    /// Returns the first `bytes` of the text. For a table, returns its first rows as text; if columns have names,
+    /// only those in `shown` are filled.
     pub(crate) fn head(&self, shown: Option<&[usize]>, bytes: usize) -> Result<Vec<u8>, LogError> {
         if let Some(table) = self.as_whole_table() {
             let head = table.head(shown, HEAD_ROWS, bytes);
@@ -211,7 +203,6 @@ impl LogSource {
         Ok(head)
     }
 
-    /// Reads the first bytes of a stream.
     fn start(&self, stream: impl Read) -> Result<Vec<u8>, LogError> {
         let mut start = Vec::with_capacity(table_file::RECOGNISED_BYTES);
         let mut stream = stream.take(table_file::RECOGNISED_BYTES as u64);
@@ -223,12 +214,10 @@ impl LogSource {
         self.file.open().map_err(|error| self.error(error))
     }
 
-    /// Opens the text at its start.
     pub(crate) fn open(&self) -> Result<ByteStream, LogError> {
         self.open_counting(&ReadMeter::default())
     }
 
-    /// Opens the text at its start; `meter` counts the bytes read from the file.
     pub(crate) fn open_counting(&self, meter: &ReadMeter) -> Result<ByteStream, LogError> {
         let text = self.open_alone_counting(meter)?;
         let Some(companion) = &self.companion else { return Ok(text) };
@@ -269,7 +258,6 @@ impl LogSource {
         Ok(())
     }
 
-    /// Returns true if the file and its companion are text.
     pub(crate) fn is_text(&self) -> bool {
         self.as_table().is_none()
             && self.companion.as_ref().is_none_or(|companion| companion.is_text())
@@ -282,7 +270,6 @@ impl LogSource {
             && self.companion.is_none()
     }
 
-    /// Returns the compression method, if the file is compressed.
     pub(crate) fn compression(&self) -> Option<&'static str> {
         match self.container {
             Container::Gzip => Some("gzip"),
@@ -291,7 +278,6 @@ impl LogSource {
         }
     }
 
-    /// Returns the table, if the file is one.
     pub(crate) fn as_table(&self) -> Option<&Table> {
         match &self.container {
             Container::Table(table) => Some(table),
@@ -299,7 +285,6 @@ impl LogSource {
         }
     }
 
-    /// Returns the table, if the file is one and has no companion.
     pub(crate) fn as_whole_table(&self) -> Option<&Table> {
         self.as_table().filter(|_| self.companion.is_none())
     }
@@ -320,7 +305,6 @@ impl LogSource {
         LogError::At { path, position, problem: problem.into() }
     }
 
-    /// Makes the error for a table that cannot be read.
     pub(crate) fn table_error(&self, problem: TableError) -> LogError {
         match problem {
             TableError::Io(source) => LogError::Io { path: self.path.clone(), source },
@@ -328,14 +312,12 @@ impl LogSource {
         }
     }
 
-    /// Makes the error for rows that do not match the companion's.
     pub(crate) fn mismatch(&self, problem: RowMismatch) -> LogError {
         let companion = self.companion.as_ref().map(|companion| companion.path.clone());
         let companion = companion.unwrap_or_default();
         LogError::RowMismatch { path: self.path.clone(), companion, problem }
     }
 
-    /// Makes the error for a failed read of text.
     pub(crate) fn error(&self, source: impl Into<io::Error>) -> LogError {
         use io::ErrorKind::{InvalidData, InvalidInput, Other, UnexpectedEof};
         let path = self.path.clone();

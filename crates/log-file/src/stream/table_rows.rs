@@ -11,16 +11,14 @@ use crate::error::LogError;
 use crate::parse::date::{DateOrder, parse_date};
 use crate::parse::number::parse_field;
 
-/// Number of preceding rows that accompany a part.
 const CONTEXT_ROWS: usize = 8;
 
-/// Some rows of a table.
 #[derive(Debug, Default)]
 pub(crate) struct RowPart {
     pub(crate) part: TablePart,
     /// The rows just before this part.
     pub(crate) before: TablePart,
-    /// Number of times that the clock has wrapped around before the part.
+    /// Wraparounds of the clock before the part.
     pub(crate) turns: u32,
     /// The index of the first row in the log, from 0.
     pub(crate) row: u64,
@@ -39,8 +37,7 @@ pub(crate) struct TableRows<'a> {
     meter: ReadMeter,
     /// Number of bytes of the file that have not been counted.
     bytes_left: u64,
-    /// Counts the wraparounds of a clock, if it may wrap, with the position of its times among all requested
-    /// columns.
+    /// Present if a clock may wrap, with the position of its times among the requested columns.
     pub(crate) clock: Option<(ClockTurns, usize)>,
 }
 
@@ -60,8 +57,7 @@ enum SideRows {
 }
 
 impl<'a> TableSide<'a> {
-    /// Opens the columns of `source`, which have the positions `columns` in the log; the log's rows begin at
-    /// line `rows_line` of its text.
+    /// Opens the columns of `source`, at positions `columns` of the log; rows begin at line `rows_line` of its text.
     fn new(
         source: &'a LogSource,
         wanted: &[WantedColumn],
@@ -140,7 +136,6 @@ impl<'a> TableRows<'a> {
         })
     }
 
-    /// Returns true if all rows have been read.
     pub(crate) fn ended(&self) -> bool {
         self.ended
     }
@@ -201,7 +196,6 @@ fn times(column: &ColumnPart) -> Vec<f64> {
     }
 }
 
-/// Returns the last few rows of a part.
 fn last_rows(part: &TablePart) -> TablePart {
     let from = part.rows.saturating_sub(CONTEXT_ROWS);
     let rows_of = |rows: &[usize]| -> Vec<usize> {

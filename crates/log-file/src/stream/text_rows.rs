@@ -15,20 +15,17 @@ use crate::parse::rows::{is_comment, quoted_fields};
 pub(crate) struct TextRows {
     lines: BufReader<ByteStream>,
     line: Vec<u8>,
-    /// The number of the current line.
     number: u64,
     /// The separator, once a line has shown it.
     separator: Option<u8>,
 }
 
 impl TextRows {
-    /// Starts at the first line.
     pub(crate) fn new(text: ByteStream) -> Self {
         let lines = BufReader::with_capacity(1 << 16, text);
         Self { lines, line: Vec::new(), number: 0, separator: None }
     }
 
-    /// Returns the fields of the next row; `None` if there are no more.
     pub(crate) fn next(&mut self) -> io::Result<Option<Vec<String>>> {
         loop {
             self.line.clear();

@@ -2,7 +2,6 @@
 
 use std::io::{self, Read};
 
-/// A byte stream of text that is generated piece by piece.
 pub(crate) struct TextStream<F> {
     append: F,
     text: Vec<u8>,
@@ -11,8 +10,8 @@ pub(crate) struct TextStream<F> {
 }
 
 impl<F: FnMut(&mut Vec<u8>) -> io::Result<bool>> TextStream<F> {
-    /// Streams `text`, followed by the pieces that `append` generates: it appends the next piece, and returns
-    /// `false` if that was the last one. The stream ends after an error.
+    /// Streams `text`, then the pieces that `append` appends; it returns `false` after the last. The stream ends
+    /// after an error.
     pub(crate) fn new(text: Vec<u8>, append: F) -> Self {
         Self { append, text, at: 0, ended: false }
     }

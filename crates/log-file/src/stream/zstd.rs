@@ -8,7 +8,6 @@ use ruzstd::decoding::{BlockDecodingStrategy, FrameDecoder};
 /// The largest window in bytes, the same as in the reference decoder.
 const WINDOW: u64 = 128 << 20;
 
-/// The decompressed content of a stream.
 pub(crate) struct Zstd<R> {
     stream: R,
     decoder: FrameDecoder,
@@ -42,7 +41,6 @@ impl<R: BufRead> Zstd<R> {
     }
 }
 
-/// Returns true if a file begins with a Zstandard frame.
 pub(crate) fn begins(start: &[u8]) -> bool {
     matches!(start, [0x28, 0xb5, 0x2f, 0xfd, ..] | [0x50..=0x5f, 0x2a, 0x4d, 0x18, ..])
 }

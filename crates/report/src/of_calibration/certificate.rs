@@ -80,8 +80,8 @@ impl Certificate<'_> {
         std::array::from_fn(|axis| squares(axis).fold(0.0, |sum, square| sum + square).sqrt())
     }
 
-    /// The effective degrees of freedom of each axis by the Welch-Satterthwaite formula (GUM,
-    /// G.4.1); infinite if all uncertainties are taken as exact.
+    /// Effective degrees of freedom by the Welch-Satterthwaite formula (GUM, G.4.1); infinite if
+    /// all uncertainties are taken as exact.
     pub fn degrees_of_freedom(&self) -> PerAxis<f64> {
         let combined = self.combined();
         let parts = self.budget.iter().filter(|of| !of.is_part);
@@ -93,8 +93,7 @@ impl Certificate<'_> {
         })
     }
 
-    /// The coverage factor of each axis: the 95 % quantile of Student's t (GUM, G.6.4), or 2 for
-    /// infinite degrees of freedom.
+    /// Coverage factors: the 95 % quantiles of Student's t (GUM, G.6.4), or 2 for infinite degrees.
     pub fn coverage(&self) -> PerAxis<f64> {
         self.degrees_of_freedom().map(|degrees| match degrees.is_finite() {
             true => student_quantile(LEVEL, degrees),

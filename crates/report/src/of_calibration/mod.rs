@@ -31,7 +31,7 @@ use shell_data::wrench::{Axes, Axis, PerAxis};
 /// Number of groups shown at once, those with the largest errors.
 const WORST: usize = 10;
 
-/// The maximum number of groups listed: a report should stay readable.
+/// Maximum number of groups listed, to stay readable.
 const MOST_GROUPS: usize = 1000;
 
 /// Number of loads plotted from the training rows, and as many from the test rows.
@@ -54,7 +54,6 @@ pub fn add_to_plot(plot: &mut FitPlot, calibration: &Calibration, data: &Dataset
     }
 }
 
-/// Predictions and measurements for figures of the training rows and, if any, the test rows.
 pub fn plots(fit: &Fit) -> (FitPlot, Option<FitPlot>) {
     let plot = |data| {
         let mut plot = FitPlot::default();
@@ -65,8 +64,6 @@ pub fn plots(fit: &Fit) -> (FitPlot, Option<FitPlot>) {
 }
 
 impl CalibrationReport<'_> {
-    /// The report as the content of an HTML file.
-    ///
     /// # Errors
     /// [`FitError`] if the errors of groups cannot be computed.
     pub fn html(&self) -> Result<String, FitError> {
@@ -117,7 +114,6 @@ fn list(sentences: &[String]) -> String {
     if items.is_empty() { items } else { format!("<ul>\n{items}</ul>\n") }
 }
 
-/// The verdict, and the errors behind it.
 fn answer(report: &CalibrationReport<'_>) -> String {
     let CalibrationReport { fit, file, .. } = report;
     let screen = fit.verdict().screen(report.name);
@@ -161,7 +157,6 @@ fn predicted(report: &CalibrationReport<'_>, title: &str) -> String {
     drawing("predicted", &svg, &alt, &caption)
 }
 
-/// The section on the loads; `svg` plots the loads of training and test rows.
 fn coverage(report: &CalibrationReport<'_>, svg: &str) -> String {
     let Some(excitation) = &report.fit.excitation else { return String::new() };
     let axes = report.file.calibration.axes;
@@ -203,7 +198,6 @@ fn loads(excitation: &Excitation, axes: Axes) -> Vec<Column> {
     ]
 }
 
-/// The groups with the largest errors, and a collapsed list of all groups.
 fn by_group(rows: &[(&str, &GroupErrors)], axes: Axes) -> String {
     if rows.len() < 2 {
         return String::new();

@@ -33,7 +33,6 @@ pub(super) fn residuals(
     loads + &drawing("held-out-time", &svg, &caption, &caption)
 }
 
-/// Predictions and measurements of the held-out rows, and their residuals over time or over rows.
 fn plots(fit: &Fit, models: &HeldOutModels, is_by_row: bool) -> (FitPlot, WrenchTrace) {
     let mut trace = if is_by_row { WrenchTrace::by_row() } else { WrenchTrace::default() };
     let mut plot = FitPlot::new(RowsName::HeldOut);

@@ -1,5 +1,3 @@
-//! The section on the calibration.
-
 use super::super::markup::{Column, facts_table, figure, table};
 use super::super::units::{AxisUnits, axis_names};
 use calibration::quality::AxisQuality;
@@ -10,7 +8,6 @@ pub(super) fn calibration((name, file): (&str, &CalibrationFile)) -> String {
     facts_table("The calibration", &facts(name, file)) + &errors_table(file) + &sources_table(file)
 }
 
-/// The identification of the calibration in a file `name`: names and values.
 pub(crate) fn facts(name: &str, file: &CalibrationFile) -> Vec<(&'static str, String)> {
     let CalibrationFile { calibration, origin } = file;
     let mut facts = vec![
@@ -52,8 +49,8 @@ pub(crate) fn sources_table(file: &CalibrationFile) -> String {
     table("What the calibration was made from", &columns)
 }
 
-/// The errors of each axis on training data, held-out groups and test data, as far as known; forces
-/// share one unit, moments another.
+/// Errors on training data, held-out groups and test data, as far as known; forces share one unit,
+/// moments another.
 pub(crate) fn errors_table(file: &CalibrationFile) -> String {
     let Some(known) = &file.origin.diagnostics else { return String::new() };
     let mut errors: Vec<(&str, PerAxis<Option<f64>>)> = Vec::new();

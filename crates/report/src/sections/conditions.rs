@@ -1,5 +1,4 @@
-//! The comparison of conditions: first the effect of each with its interval, then statistics, and
-//! forces over a stride.
+//! Comparison of conditions: effects with intervals, then statistics, and forces over a stride.
 
 use std::fmt::Write;
 

@@ -68,7 +68,6 @@ fn trial_plots(at: usize, row: &TrialRow, has_forces: bool) -> String {
     html
 }
 
-/// Results, and a collapsed table of the values behind them, in suitable units.
 fn trial_tables(trials: &[TrialResult]) -> String {
     let rows = || trials.iter().map(|trial| &trial.row);
     let energies = rows().filter_map(|row| row.measures.drag_energy_j);

@@ -1,5 +1,5 @@
-//! The encodings of values and levels in a page ("Parquet encoding definitions"). Values are decoded only on
-//! request, because a few bytes can stand for any number of them.
+//! Encodings of values and levels in a page ("Parquet encoding definitions"). Values are decoded on request, because
+//! a few bytes can stand for any number of them.
 
 use crate::bytes::ByteReader;
 
@@ -72,7 +72,7 @@ fn next_run(bytes: &[u8], rest: &mut ByteReader<'_>, width: u32) -> Option<Encod
         return Some(EncodedRun::Same(head >> 1, u64::from_le_bytes(value)));
     }
     let start = bytes.len() - rest.rest.len();
-    // Eight values take as many bytes as a value has bits. The last values may be cut off.
+    // Eight values take as many bytes as a value has bits. The last ones may be cut off.
     let packed = (head >> 1).saturating_mul(u64::from(width));
     let packed = usize::try_from(packed).unwrap_or(usize::MAX).min(rest.rest.len());
     rest.take(packed)?;
@@ -100,8 +100,7 @@ fn bits(bytes: &[u8], start: usize, width: u32) -> u64 {
     (shifted & ((1_u128 << width) - 1)) as u64
 }
 
-/// Decodes delta-encoded integers, in blocks of miniblocks with a width each; `None` if the header is
-/// invalid.
+/// Decodes delta-encoded integers, in blocks of miniblocks with a width each; `None` for an invalid header.
 pub(super) fn deltas(bytes: Vec<u8>) -> Option<impl Iterator<Item = i64> + Send> {
     let mut head = ByteReader::new(&bytes);
     let block = usize::try_from(head.varint()?).ok()?;
@@ -131,7 +130,6 @@ pub(super) fn deltas(bytes: Vec<u8>) -> Option<impl Iterator<Item = i64> + Send>
                 at = bytes.len() - rest.rest.len();
             }
             (width, read) = (u32::from(widths.next()?), 0);
-            // The miniblock must not begin beyond the end.
             if width > 64 || (width > 0 && at >= bytes.len()) {
                 return None;
             }

@@ -4,8 +4,7 @@
 //! footer ─▶ schema, row groups ─▶ pages of a column, unpacked ─▶ levels, values ─▶ cells
 //! ```
 //!
-//! Only one page of each column is held at a time. Columns of nested lists, decimals and bytes are listed but
-//! not read.
+//! One page of each column is held at a time. Nested lists, decimals and bytes are listed but not read.
 
 pub(crate) mod encoding;
 mod page;
@@ -27,7 +26,7 @@ use crate::thrift::{self, Value};
 
 const KIND: FileKind = FileKind::Parquet;
 
-/// The longest footer in bytes: its decoded values take up to 32 times its length.
+/// The longest footer in bytes; decoded values take up to 32 times as much.
 const FOOTER: u64 = 4 << 20;
 
 /// The largest number of values per byte of a file, beyond a few millions.
@@ -42,14 +41,13 @@ struct ParquetTable {
     groups: Vec<RowGroup>,
 }
 
-/// Rows that are stored together.
 #[derive(Debug)]
 struct RowGroup {
     rows: u64,
     chunks: Vec<ColumnChunk>,
 }
 
-/// The pages of a column in a row group: a range of positions in the file.
+/// A column's pages in a row group: a range of positions in the file.
 #[derive(Clone, Copy, Debug)]
 struct ColumnChunk {
     codec: Codec,
@@ -167,7 +165,7 @@ fn row_group(
     Ok(RowGroup { rows, chunks: chunks.collect::<Result<_, _>>()? })
 }
 
-/// A leaf that is read, and its requested columns: their positions in a part and their elements in a list.
+/// A leaf, and its requested columns: positions in a part and elements in a list.
 struct WantedLeaf {
     at: usize,
     is_text: bool,
@@ -201,7 +199,6 @@ impl RowSource for ParquetTable {
             }
         }
         let mut groups = 0..self.groups.len();
-        // State of the current row group.
         let (mut rows_left, mut readers): (u64, Vec<ColumnReader>) = (0, Vec::new());
         Ok(Box::new(move |rows, part| {
             while part.rows < rows {
@@ -215,7 +212,6 @@ impl RowSource for ParquetTable {
                 }
                 let count =
                     (rows - part.rows).min(usize::try_from(rows_left).unwrap_or(usize::MAX));
-                // Memory held by the pages of all columns.
                 source.held = readers.iter().map(ColumnReader::held).sum();
                 for (wanted, reader) in leaves.iter().zip(&mut readers) {
                     source.held -= reader.held();
@@ -250,7 +246,7 @@ impl RowSource for ParquetTable {
 struct ParquetSource {
     file: OpenFile,
     length: u64,
-    /// Memory held by the pages of other columns.
+    /// Memory held by other columns' pages.
     held: u64,
     unpacked: Unpacked,
 }

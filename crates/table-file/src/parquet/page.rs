@@ -13,12 +13,11 @@ use crate::format::{Cell, ColumnPart, OpenFile};
 use crate::kind::TableError;
 use crate::thrift::{self, Value};
 
-/// The longest page header, which may contain statistics.
+/// The longest page header; it may contain statistics.
 const HEAD: u64 = 1 << 20;
 
-/// A reader for one column of a row group.
 pub(super) struct ColumnReader {
-    /// The part that has not been read yet.
+    /// The unread part.
     chunk: ColumnChunk,
     dictionary: ColumnPart,
     dictionary_bytes: u64,
@@ -41,10 +40,8 @@ struct Page {
 enum PageValues {
     /// Consecutive values, and the position of the next one.
     Plain(Vec<u8>, usize),
-    /// Positions in the dictionary.
     Indices(Integers),
     Truths(Integers),
-    /// Delta-encoded integers.
     Deltas(Box<dyn Iterator<Item = i64> + Send>),
 }
 
@@ -61,7 +58,6 @@ impl ColumnReader {
         Self { chunk, dictionary, dictionary_bytes: 0, page: None, elements: 0 }
     }
 
-    /// Returns the memory held by the page and the dictionary.
     pub(super) fn held(&self) -> u64 {
         self.dictionary_bytes + self.page.as_ref().map_or(0, |page| page.bytes)
     }
@@ -423,7 +419,6 @@ impl PageValues {
     }
 }
 
-/// Reads exactly `count` integers; `None` if there are fewer.
 fn exactly(integers: &mut Integers, count: usize) -> Option<Vec<u64>> {
     let mut values = Vec::new();
     while values.len() < count {

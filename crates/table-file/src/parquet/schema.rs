@@ -6,7 +6,6 @@ use crate::element::Element;
 use crate::kind::TableError;
 use crate::thrift::Value;
 
-/// A column of the file.
 #[derive(Clone, Debug)]
 pub(super) struct Leaf {
     /// Path in the schema tree, joined by dots.
@@ -14,14 +13,12 @@ pub(super) struct Leaf {
     pub(super) kind: LeafType,
     /// Definition level of a present value: the number of optional or repeated elements in the path.
     pub(super) levels: u8,
-    /// The list that contains the values, if there is one.
     pub(super) list: Option<ListLeaf>,
 }
 
 /// A list whose elements become columns of a table.
 #[derive(Clone, Debug)]
 pub(super) struct ListLeaf {
-    /// Path of the list in the tree.
     name: String,
     /// Definition level at which the list has an element.
     pub(super) level: u8,
@@ -30,7 +27,6 @@ pub(super) struct ListLeaf {
 }
 
 impl Leaf {
-    /// Returns the names of the columns.
     pub(super) fn columns(&self) -> Vec<String> {
         match &self.list {
             None => vec![self.name.clone()],
@@ -39,14 +35,12 @@ impl Leaf {
     }
 }
 
-/// The meaning and representation of a column's values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum LeafType {
     Number(Element),
     Text,
     /// A day and the nanoseconds in it, in 96 bits.
     DayAndTime,
-    /// A type that is not supported.
     Opaque(&'static str),
 }
 
@@ -68,7 +62,6 @@ impl LeafType {
     }
 }
 
-/// The maximum depth of the tree.
 const DEPTH: u8 = 32;
 
 const OPTIONAL: i64 = 1;
@@ -85,7 +78,6 @@ struct Above {
     depth: u8,
 }
 
-/// Returns the columns that a footer describes.
 pub(super) fn leaves(footer: &Value) -> Result<Vec<Leaf>, TableError> {
     let elements = footer.list(2).unwrap_or_default();
     let mut elements = elements.iter();

@@ -15,7 +15,6 @@ const KIND: FileKind = FileKind::Mcap;
 
 const MAGIC: [u8; 8] = *b"\x89MCAP0\r\n";
 
-/// Opens the records of a file.
 pub(super) fn records(file: &FileSource) -> Result<super::Records, TableError> {
     let mut records = Records::open(file)?;
     Ok(Box::new(move || records.next()))
@@ -32,7 +31,7 @@ struct Records {
     next: usize,
     unpacked: Unpacked,
     ended: bool,
-    /// Position of the record in which the file ends, if its end is missing.
+    /// Position of the record in which a file without its end stops.
     cut_at: Option<u64>,
 }
 
@@ -130,7 +129,6 @@ impl Records {
     }
 }
 
-/// Unpacks the records of a chunk.
 fn chunk(
     content: &[u8],
     at: u64,

@@ -6,13 +6,12 @@ use crate::bytes::ByteReader;
 use crate::format::Cell;
 use crate::write::mcap::RECORD_TYPE;
 
-/// The encoding of a topic's messages.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum FieldKind {
     /// `geometry_msgs/Wrench` or `geometry_msgs/WrenchStamped`, in the encoding of ROS 2 (CDR) or ROS 1.
     Wrench { is_stamped: bool, is_ros1: bool },
-    /// Numbers and texts after a header, as written by [`write::mcap`](crate::write::mcap). Each field has a
-    /// name, and true for a text.
+    /// Numbers and texts after a header, as [`write::mcap`](crate::write::mcap) writes them: names, and true for a
+    /// text.
     Record(Vec<(String, bool)>),
     /// JSON objects.
     Json,
@@ -26,9 +25,7 @@ pub(super) struct Message {
     pub(super) columns: Vec<(String, Cell)>,
 }
 
-/// The reason why a message is not read.
 pub(super) enum Unread {
-    /// Its bytes contradict its type.
     Damaged(String),
     /// It is in an encoding that is not supported.
     Unsupported(String),
@@ -36,7 +33,6 @@ pub(super) enum Unread {
 
 const AXES: [&str; 6] = ["Fx", "Fy", "Fz", "Mx", "My", "Mz"];
 
-/// Maximum nesting of JSON.
 const DEPTH: usize = 8;
 
 impl FieldKind {
@@ -60,7 +56,6 @@ impl FieldKind {
         Some(Self::Wrench { is_stamped, is_ros1 })
     }
 
-    /// Decodes a message.
     pub(super) fn decode(&self, data: &[u8]) -> Result<Message, Unread> {
         let not_a = |kind: &str| Unread::Damaged(format!("no `{kind}`"));
         match self {
@@ -86,7 +81,6 @@ impl FieldKind {
         matches!(self, Self::Wrench { .. })
     }
 
-    /// Returns true for JSON objects.
     pub(super) fn is_object(&self) -> bool {
         matches!(self, Self::Json) || self.is_text()
     }
@@ -221,7 +215,6 @@ fn text(data: &[u8], is_ros1: bool) -> Option<&[u8]> {
     Some(text.strip_suffix(&[0]).unwrap_or(text))
 }
 
-/// Decodes a JSON object.
 fn json(data: &[u8]) -> Result<Message, String> {
     let value: Value = serde_json::from_slice(data).map_err(|error| error.to_string())?;
     let Value::Object(_) = value else { return Err("expected an object".to_owned()) };
@@ -230,7 +223,7 @@ fn json(data: &[u8]) -> Result<Message, String> {
     Ok(Message { stamp_ns: None, columns })
 }
 
-/// Adds the values of an object or list with names such as `outer.inner`; positions in a list count from 1.
+/// Adds the values of an object or list, named like `outer.inner`; list positions count from 1.
 fn flatten(
     name: String,
     value: Value,

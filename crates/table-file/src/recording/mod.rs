@@ -1,8 +1,8 @@
-//! Recorded messages (MCAP, ROS 1 bags, ROS 2 bags in SQLite) as one table: ROS wrenches (`WrenchStamped` and
-//! `Wrench`), records of this program, and JSON messages.
+//! Recorded messages (MCAP, ROS 1 bags, ROS 2 bags in SQLite) as one table: ROS wrenches (`WrenchStamped`, `Wrench`),
+//! records of this program, and JSON messages.
 //!
-//! Messages of several topics with the same log time form one row. The first pass finds the topics and their
-//! column names; the second reads the rows.
+//! Messages with the same log time form one row. The first pass finds the topics and their column names; the second
+//! reads the rows.
 
 mod mcap;
 mod message;
@@ -26,9 +26,8 @@ const MESSAGE: u64 = 16 << 20;
 /// Maximum number of rows that wait for messages of other topics.
 const WAITING: usize = 4096;
 
-/// A record of a recording.
 enum Record {
-    /// A channel, whose messages belong to a topic; `kind` is `None` if they are not read.
+    /// A channel of a topic; `kind` is `None` if its messages are not read.
     Channel {
         id: u32,
         topic: String,
@@ -62,25 +61,23 @@ struct Recording {
     file: FileSource,
     topics: Vec<Topic>,
     columns: usize,
-    /// True if the time column is the messages' time stamp, not their log time.
+    /// True if the time column is the stamp, not the log time.
     by_stamp: bool,
-    /// True if the log time is an additional column at the end.
+    /// True if the log time is an additional last column.
     has_log_time: bool,
     /// True if messages are stored in the order of their log time.
     is_sorted: bool,
 }
 
-/// A topic whose messages are read.
 #[derive(Debug)]
 struct Topic {
-    /// The channel ids of the topic.
     channels: BTreeSet<u32>,
     name: String,
     fields: FieldKind,
     columns: Vec<String>,
 }
 
-/// Opens a recording of a kind: the messages of the topic `part`, or of all topics that are read.
+/// Opens the messages of the topic `part`, or of all topics that are read.
 pub(crate) fn open(
     kind: FileKind,
     file: &FileSource,
@@ -207,7 +204,7 @@ struct Stamps {
     longest_rest: u64,
 }
 
-/// The longest time in ns that a clock may rest, while messages are logged.
+/// The longest time in ns that a clock may rest while messages are logged.
 const REST: u64 = 1_000_000_000;
 
 impl Stamps {
@@ -223,7 +220,7 @@ impl Stamps {
         self.is_negative |= stamp < 0;
     }
 
-    /// Returns the reason why the stamps are not times, if they are not.
+    /// Returns the reason if the stamps are not times.
     fn fault(&self) -> Option<&'static str> {
         match self.count {
             _ if self.is_negative => Some("are negative"),
@@ -244,7 +241,6 @@ fn wrong(kind: FileKind, topic: &str, log_time: u64, why: Unread) -> TableError 
     }
 }
 
-/// Formats nanoseconds as a decimal number of seconds.
 fn seconds(ns: u64) -> String {
     format!("{}.{:09}", ns / 1_000_000_000, ns % 1_000_000_000)
 }
@@ -312,7 +308,6 @@ fn time(ns: i64) -> Cell {
 }
 
 impl Topic {
-    /// Adds the values of a message to a row.
     fn push(&self, message: Message, row: &mut Vec<Cell>) {
         let mut values = message.columns;
         for (position, name) in self.columns.iter().enumerate() {
@@ -341,7 +336,6 @@ impl Recording {
         cells
     }
 
-    /// Returns the error for topics without common log times.
     fn apart(&self) -> TableError {
         let names: Vec<&str> = self.topics.iter().map(|topic| topic.name.as_str()).collect();
         self.kind.unsupported(format!(

@@ -21,7 +21,6 @@ const BAG_HEADER: u8 = 3;
 const CHUNK: u8 = 5;
 const CONNECTION: u8 = 7;
 
-/// Opens the records of a bag.
 pub(super) fn records(file: &FileSource) -> Result<Records, TableError> {
     let length = file.length()?;
     let file = BufReader::with_capacity(1 << 16, file.open()?);
@@ -47,7 +46,6 @@ struct Bag {
     is_in_chunk: bool,
     /// True if a record reaches beyond the end of the file.
     is_short: bool,
-    /// The records of the current chunk.
     chunk: Vec<u8>,
     /// Position of the next record in the chunk.
     next: usize,
@@ -79,7 +77,6 @@ impl Bag {
         Ok(ByteReader::new(&length).u32().map_or(0, u64::from))
     }
 
-    /// Returns true if the recorder did not write the index at the end.
     fn is_unfinished(&self) -> bool {
         self.index_at == 0 || self.index_at > self.length
     }
@@ -119,8 +116,8 @@ impl Bag {
         }
     }
 
-    /// Returns true if the record at a position is wrong because the file ends before the recorder was done: in
-    /// a record, in the index, or in a chunk whose length was not filled in.
+    /// Returns true if the record at a position is wrong because the file ends too early: in a record, in the index,
+    /// or in a chunk whose length was not filled in.
     fn ends_within(&self, at: u64) -> bool {
         self.is_in_chunk || self.is_short && (self.is_unfinished() || at >= self.index_at)
     }
@@ -138,8 +135,8 @@ impl Bag {
             }
             CHUNK => {
                 let length = self.read_length()?;
-                // The recorder fills in the sizes when it finishes the chunk. The records of one without
-                // compression can be read as those at the top.
+                // The recorder fills in the sizes at the end of the chunk. Uncompressed records are read like those
+                // at the top.
                 let is_empty = fields.number("size", 4) == Some(0);
                 let is_cut = length > self.length - self.at;
                 let is_raw = fields.get("compression") == Some(b"none");
@@ -161,7 +158,6 @@ impl Bag {
         Ok(None)
     }
 
-    /// Unpacks the records of a chunk.
     fn unpack(
         &mut self,
         fields: &Fields<'_>,
@@ -193,7 +189,6 @@ fn block<'a>(bytes: &mut ByteReader<'a>) -> Option<&'a [u8]> {
     bytes.take(length)
 }
 
-/// The fields of a header by name.
 struct Fields<'a>(HashMap<&'a [u8], &'a [u8]>);
 
 impl<'a> Fields<'a> {
@@ -216,7 +211,6 @@ impl<'a> Fields<'a> {
         self.get(name).map(|text| String::from_utf8_lossy(text).into_owned())
     }
 
-    /// Returns an unsigned number of `size` bytes.
     fn number(&self, name: &str, size: usize) -> Option<u64> {
         let value = self.get(name).filter(|value| value.len() == size)?;
         Some(value.iter().rev().fold(0, |number, &byte| number << 8 | u64::from(byte)))

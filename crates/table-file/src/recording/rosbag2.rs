@@ -11,7 +11,6 @@ const KIND: FileKind = FileKind::Sqlite;
 /// The first bytes of a message that is compressed with Zstandard.
 const ZSTD: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
 
-/// Opens the records of a bag: all topics, followed by the messages.
 pub(super) fn records(file: &FileSource) -> Result<Records, TableError> {
     let mut database = Database::open(file)?;
     let tables = database.tables()?;

@@ -1,8 +1,7 @@
-//! Recordings in MCAP for ROS 2: wrenches, transforms, and named values in a message type with one field
-//! each.
+//! MCAP for ROS 2: wrenches, transforms, and named values in a message type with one field each.
 //!
-//! Any thread can make chunks of rows ([`McapChunk`]). [`McapWriter`] writes them in order, each with an
-//! index of its messages, and a summary at the end.
+//! Any thread can make chunks of rows ([`McapChunk`]). [`McapWriter`] writes them in order, each with an index of its
+//! messages, and a summary at the end.
 
 use std::io::{self, Write};
 
@@ -13,12 +12,10 @@ pub struct McapChannel {
     pub topic: String,
     /// Name and definition of the message type (`ros2msg`).
     pub schema: (&'static str, String),
-    /// Metadata entries: name and value.
     pub metadata: Vec<(&'static str, String)>,
 }
 
 impl McapChannel {
-    /// Makes a channel of ROS 2 wrenches.
     pub fn wrench(topic: &str) -> Self {
         Self {
             topic: topic.to_owned(),
@@ -27,7 +24,7 @@ impl McapChannel {
         }
     }
 
-    /// Makes a channel of ROS 2 transforms between fixed frames of reference.
+    /// Makes a channel of transforms between fixed frames.
     pub fn static_transforms() -> Self {
         Self {
             topic: "/tf_static".to_owned(),
@@ -36,10 +33,9 @@ impl McapChannel {
         }
     }
 
-    /// Makes a channel of named values with a time, in a message type with one field per value, in the order
-    /// of `fields` (name, and true for a text). Readers that use the definition in the file need no ROS
-    /// package for it. The encoding is not JSON, because `mcap-ros2-support` 0.6.0 stops at the first message
-    /// that is not a ROS message.
+    /// Makes a channel of named values with a time, in a message type with one field per value, in the order of
+    /// `fields` (name, and true for a text). Readers use its definition in the file, without a ROS package. It is not
+    /// JSON, because `mcap-ros2-support` 0.6.0 stops at the first message that is not a ROS message.
     pub fn record(topic: &str, fields: &[(String, bool)]) -> Self {
         let names = field_names(fields.iter().map(|(name, _)| name));
         let mut own = "std_msgs/Header header\n".to_owned();
@@ -54,11 +50,10 @@ impl McapChannel {
     }
 }
 
-/// The message type of [`McapChannel::record`].
 pub(crate) const RECORD_TYPE: &str = "shellcal_msgs/msg/Record";
 
-/// Converts names to field names allowed by ROS 2: lower-case letters, digits and single underscores, a
-/// letter first. Names that become equal get a number.
+/// Converts names to ROS 2 field names: lower-case letters, digits and single underscores, a letter first. Names that
+/// become equal get a number.
 fn field_names<'a>(names: impl Iterator<Item = &'a String>) -> Vec<String> {
     let mut found: Vec<String> = vec!["header".to_owned()];
     for name in names {
@@ -99,13 +94,12 @@ const TRANSFORMS: [&str; 7] = [
     "MSG: geometry_msgs/Quaternion\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 w\n",
 ];
 
-/// Returns the text of a schema: the type and the types that it refers to, in the form that rosbag2 writes.
+/// Returns a schema: the type and those that it refers to, in the form of rosbag2.
 fn definition(types: &[&str]) -> String {
     types.join(&("=".repeat(80) + "\n"))
 }
 
-/// Quality of service that also delivers to late subscribers: reliable, transient local, like the static
-/// transform broadcaster of ROS 2.
+/// Reliable, transient local, like ROS 2's static transform broadcaster: also delivers to late subscribers.
 const LATCHED: &str = "\
 - history: 1
   depth: 1
@@ -124,7 +118,7 @@ const LATCHED: &str = "\
   avoid_ros_namespace_conventions: false
 ";
 
-/// Appends a wrench at a time to a message in the encoding of ROS 2 (CDR, little-endian).
+/// Appends a wrench at a time in the encoding of ROS 2 (CDR, little-endian).
 pub fn wrench_stamped(message: &mut Vec<u8>, time_ns: u64, frame_id: &str, wrench: [f64; 6]) {
     message.extend([0, 1, 0, 0]);
     let start = message.len();
@@ -133,8 +127,8 @@ pub fn wrench_stamped(message: &mut Vec<u8>, time_ns: u64, frame_id: &str, wrenc
     doubles(message, start, &wrench);
 }
 
-/// Appends a message of [`McapChannel::record`]: the time and frame, then the numbers and then the texts, in
-/// the order of its fields (CDR, little-endian).
+/// Appends a message of [`McapChannel::record`]: time and frame, numbers, then texts in the order of its fields (CDR,
+/// little-endian).
 pub fn record_stamped<'a>(
     message: &mut Vec<u8>,
     time_ns: u64,
@@ -156,8 +150,7 @@ pub fn record_stamped<'a>(
     }
 }
 
-/// Appends the pose of the frame `child` in the frame `parent`, in the same encoding: metres, and a unit
-/// quaternion (x, y, z, w).
+/// Appends the pose of `child` in `parent`, also in CDR: metres, and a unit quaternion (x, y, z, w).
 pub fn static_transform(
     message: &mut Vec<u8>,
     time_ns: u64,
@@ -194,14 +187,13 @@ fn align(message: &mut Vec<u8>, start: usize, step: usize) {
     message.resize(start + (message.len() - start).next_multiple_of(step), 0);
 }
 
-/// Appends doubles, aligned to eight bytes after `start`.
 fn doubles(message: &mut Vec<u8>, start: usize, values: &[f64]) {
     align(message, start, 8);
     values.iter().for_each(|value| message.extend(value.to_le_bytes()));
 }
 
-/// Messages that are written together. They are not compressed, which is also the default of ROS 2: LZ4 would
-/// take longer than making the messages.
+/// Messages that are written together. Not compressed, which is also ROS 2's default: LZ4 would take longer than
+/// making the messages.
 #[derive(Debug, Default)]
 pub struct McapChunk {
     records: Vec<u8>,
@@ -210,10 +202,9 @@ pub struct McapChunk {
     times: Option<(u64, u64)>,
 }
 
-/// The message index of a channel in a chunk, in file format: times and positions.
+/// A channel's message index in a chunk, in file format: times and positions.
 type MessageIndex = Vec<u8>;
 
-/// Bytes per entry of a message index.
 const INDEX_BYTES: usize = 16;
 
 const SCHEMA: u8 = 0x03;
@@ -235,14 +226,12 @@ fn record(kind: u8, content: ByteWriter) -> Vec<u8> {
     head.bytes(&content.0).0
 }
 
-/// Extends a range of times to include another.
 fn with_times(times: Option<(u64, u64)>, others: (u64, u64)) -> (u64, u64) {
     let (first, last) = times.unwrap_or(others);
     (first.min(others.0), last.max(others.1))
 }
 
 impl McapChunk {
-    /// Makes a chunk with the given capacity.
     pub fn with_capacity(bytes: usize) -> Self {
         Self { records: Vec::with_capacity(bytes), ..Self::default() }
     }

@@ -1,7 +1,7 @@
 //! Writers of tables, and tables of results as CSV and Parquet.
 //!
-//! MCAP and Parquet are written as the rows arrive. NumPy and MATLAB files begin with the number of rows, so
-//! they are written when all rows are present.
+//! MCAP and Parquet are written as rows arrive. NumPy and MATLAB files begin with the number of rows, so all rows
+//! must be present.
 
 pub mod mcap;
 mod npy;
@@ -16,19 +16,16 @@ pub use self::parquet::ParquetWriter;
 pub use crate::format::Cells;
 pub use crate::mat5::write_matlab;
 
-/// Number of rows in a Parquet row group of a table of results.
 const GROUP_ROWS: usize = 1 << 16;
 
-/// A table of results: columns of equal length with names that include the unit. CSV has the fewest digits
-/// that read back as the same number. Missing values are empty in CSV and null in Parquet.
+/// Columns of equal length with names that include the unit. CSV has the fewest digits that read back equal. Missing
+/// values are empty in CSV and null in Parquet.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NamedTable {
     columns: Vec<(String, Cells<'static>)>,
 }
 
 impl NamedTable {
-    /// Makes a table of these columns.
-    ///
     /// # Panics
     /// If the columns differ in length.
     pub fn new<'a>(columns: impl IntoIterator<Item = (&'a str, Cells<'static>)>) -> Self {
@@ -42,7 +39,6 @@ impl NamedTable {
         self.columns.first().map_or(0, |(_, cells)| cells.rows())
     }
 
-    /// Returns the table as CSV with a line of names.
     pub fn to_csv(&self) -> Vec<u8> {
         let mut text = Vec::with_capacity(20 * self.columns.len() * (1 + self.rows()));
         let names = self.columns.iter().map(|(name, _)| name.as_str());

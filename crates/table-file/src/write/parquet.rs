@@ -1,8 +1,6 @@
-//! Parquet files ("Apache Parquet format"): numbers uncompressed, texts compressed with Snappy, and a
-//! checksum in every page.
+//! Parquet files ("Apache Parquet format"): numbers uncompressed, texts compressed with Snappy, a checksum per page.
 //!
-//! Rows that are written together become a row group with one page per column. Only the description of a
-//! group is kept in memory, for the footer.
+//! Rows written together become a row group with one page per column. Only descriptions of groups are kept in memory.
 
 use std::io::{self, Write};
 use std::ops::Range;
@@ -22,7 +20,6 @@ const UTF8: i32 = 0;
 const REQUIRED: i32 = 0;
 const OPTIONAL: i32 = 1;
 
-/// Encodings of values.
 const PLAIN: i32 = 0;
 const RUNS: i32 = 3;
 
@@ -41,20 +38,16 @@ fn column_type(cells: &Cells<'_>) -> (i32, i32) {
     }
 }
 
-/// Writes a Parquet file, a row group at a time.
 pub struct ParquetWriter<W> {
     out: W,
     at: u64,
     /// The root of the schema, followed by its columns.
     schema: Vec<Value>,
     rows: u64,
-    /// The footer's entry for each row group.
     groups: Vec<Value>,
 }
 
 impl<W: Write> ParquetWriter<W> {
-    /// Starts a file with columns of these names and types.
-    ///
     /// # Errors
     /// [`io::Error`] of the system.
     pub fn new(mut out: W, columns: &[(String, Cells<'_>)]) -> io::Result<Self> {
@@ -73,9 +66,7 @@ impl<W: Write> ParquetWriter<W> {
         Ok(Self { out, at: MAGIC.len() as u64, schema, rows: 0, groups: Vec::new() })
     }
 
-    /// Writes some rows of columns as a row group. The columns must have the number and types of the file's
-    /// columns.
-    ///
+    /// Writes rows as a row group. The columns must match the file's in number and types.
     /// # Errors
     /// [`io::Error`] of the system.
     pub fn write(&mut self, columns: &[(String, Cells<'_>)], rows: Range<usize>) -> io::Result<()> {
@@ -127,8 +118,8 @@ impl<W: Write> ParquetWriter<W> {
     }
 }
 
-/// Makes the page of a column in a row group, which begins at position `at` in the file. Returns its bytes
-/// including the header, its uncompressed size, and the footer's entry for it.
+/// Makes a column's page in a row group that begins at `at` in the file. Returns its bytes with the header, its
+/// uncompressed size, and the footer's entry for it.
 fn column_chunk(
     name: &str,
     cells: &Cells<'_>,
@@ -199,8 +190,7 @@ fn plain(bytes: &mut Vec<u8>, values: impl Iterator<Item = [u8; 8]>) {
     values.for_each(|value| bytes.extend_from_slice(&value));
 }
 
-/// Appends a bit per value that tells if it is present, preceded by their length; returns the number of
-/// missing values.
+/// Appends a bit per value that tells if it is present, after their length; returns the number of missing values.
 fn levels<T>(bytes: &mut Vec<u8>, values: &[Option<T>]) -> io::Result<i64> {
     let groups = values.chunks(8);
     let mut bits = Vec::with_capacity(groups.len() + 5);

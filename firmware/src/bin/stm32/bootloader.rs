@@ -1,8 +1,8 @@
 //! The bootloader in the chip's ROM, started from the state after a reset.
 //!
-//! The bootloader expects every peripheral in its reset state (AN2606, "Bootloader activation"),
-//! and only a reset stops the watchdog. So `enter` writes a magic word to RAM and resets the chip,
-//! and the start-up code jumps to ROM before it sets anything up.
+//! It expects every peripheral in its reset state (AN2606, "Bootloader activation"), and only a
+//! reset stops the watchdog. So `enter` writes a magic word to RAM and resets the chip, and the
+//! start-up code jumps to ROM before it sets anything up.
 #![expect(unsafe_code, reason = "the code before RAM is set up is assembly")]
 
 use core::arch::global_asm;
@@ -23,7 +23,6 @@ pub(crate) fn enter() -> ! {
 }
 
 // Runs before RAM is initialised (cortex-m-rt, `__pre_init`): registers r0 to r3 only, no stack.
-//
 // Clears the word, so that the next reset starts the firmware. VTOR is set because after the
 // bootloader's Go command the vectors are not at 0.
 global_asm!(

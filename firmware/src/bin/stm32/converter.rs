@@ -1,10 +1,10 @@
-//! The eight emitters and ADC1, which converts their phototransistors: sums of conversions with
-//! little work for the core (RM0394, chapter 16; RM0440, chapter 21).
+//! The eight emitters and ADC1, which sums conversions of their phototransistors with little work
+//! for the core (RM0394, chapter 16; RM0440, chapter 21).
 //!
 //! The oversampler adds up 2, 4, 8 or 16 conversions before it interrupts the core ("Oversampler");
-//! more 12-bit codes do not fit in its 16 bits without rounding. Any other number is split into
-//! such bursts, the largest first. The interrupt at the end of a burst starts the next and switches
-//! the emitters, and TIM6 adds the settling time. So the task sleeps meanwhile.
+//! more 12-bit codes do not fit in its 16 bits without rounding. Other numbers are split into such
+//! bursts, the largest first. The interrupt at the end of a burst starts the next and switches the
+//! emitters, and TIM6 adds the settling time. So the task sleeps meanwhile.
 #![expect(
     unsafe_code,
     reason = "an interrupt is handled and enabled here, and two codes are read from the system memory"
@@ -34,7 +34,7 @@ use shared_proto::{CHANNELS, Vitals};
 
 /// Longest pause between conversions, µs, with a margin. One that starts more than 1 ms after the
 /// previous may be wrong (STM32L432xx/442xx errata, "Wrong ADC result if conversion done late after
-/// calibration or previous conversion"); on other chips discarding it costs little.
+/// calibration or previous conversion"); discarding it costs little on other chips.
 const LONGEST_PAUSE_US: u64 = 900;
 
 /// Exponent of the longest burst, 2⁴ conversions: 16 · 4095 is below 2¹⁶.
@@ -58,7 +58,7 @@ fn light(emitter: u8, on: bool) {
     });
 }
 
-/// State of the sums. The task writes it while the converter is idle, the interrupt while it runs.
+/// The task writes it while the converter is idle, the interrupt while it runs.
 static STATE: ConverterState = ConverterState {
     sums: [AtomicU32::new(0), AtomicU32::new(0), AtomicU32::new(0)],
     at: AtomicU8::new(0),
@@ -152,8 +152,8 @@ fn start_burst() {
     pac::ADC1.cr().modify(|control| control.set_adstart(true));
 }
 
-/// Stops the converter, which otherwise waits for the next trigger and cannot be configured
-/// ("Stopping an ongoing conversion").
+/// Stops the converter, which cannot be configured while it waits for the next trigger ("Stopping
+/// an ongoing conversion").
 fn stop() {
     if pac::ADC1.cr().read().adstart() {
         pac::ADC1.cr().modify(|control| control.0 |= ADSTP);
@@ -177,7 +177,6 @@ pub(crate) fn input_number(input: impl AdcChannel<ADC1>) -> u8 {
     input.degrade_adc().get_hw_channel()
 }
 
-/// Photointerrupters on ADC1: the converter, the emitters and the settling timer.
 pub(crate) struct Photointerrupters {
     _adc: Adc<'static, ADC1>,
     /// Inputs of the channels, and of reference and thermometer.
@@ -191,7 +190,7 @@ pub(crate) struct Photointerrupters {
 
 impl Photointerrupters {
     /// Switches converter and timer on. `I` is the converter's interrupt, and `trigger` the EXTSEL
-    /// and EXTEN bits of CFGR for TIM6. Sample times are set already, and the emitters are off.
+    /// and EXTEN bits of CFGR for TIM6. Sample times are already set and the emitters off.
     pub(crate) fn new<I: Interrupt>(
         adc: Adc<'static, ADC1>,
         (channels, vitals): ([u8; CHANNELS], [u8; 2]),
@@ -295,9 +294,8 @@ fn factory_codes() -> Factory {
     Factory { reference: pac::VREFINTCAL.data().read(), cold, hot }
 }
 
-/// TIM6, which times the settling of an emitter (RM0394, chapter 29; RM0440, chapter 30).
-///
-/// It counts µs once; its update event triggers the converter.
+/// TIM6 times the settling of an emitter (RM0394, chapter 29; RM0440, chapter 30): it counts µs
+/// once, and its update event triggers the converter.
 struct SettlingTimer(Timer<'static, TIM6>);
 
 impl SettlingTimer {

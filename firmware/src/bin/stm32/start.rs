@@ -25,9 +25,8 @@ use static_cell::{ConstStaticCell, StaticCell};
 /// The watchdog resets the board unless it is fed within this time.
 pub(crate) const WATCHDOG_US: u32 = 1_000_000;
 
-/// Returns the cause of the last reset, and the words left before it.
-///
-/// Call this once, before anything else: it clears the records.
+/// Returns the cause of the last reset, and the words before it. Call once, before anything else:
+/// it clears the records.
 pub(crate) fn past() -> (ResetCause, Option<LastWords>) {
     let (end, last_words) = last_words::take().unzip();
     let cause = reset_cause();
@@ -77,10 +76,9 @@ pub(crate) fn clocks() -> Config {
     config
 }
 
-/// Defines a board's interrupts and its `main`, from the register by which a debugger stops the
-/// watchdog, the converter's settings, interrupt and inputs, and the emitters' pins.
-///
-/// The board's module defines `clocks`, `set_sample_time` and the constants that are used here.
+/// Defines a board's interrupts and `main`, from the register by which a debugger stops the
+/// watchdog, the converter's settings, interrupt and inputs, and the emitters' pins. The board's
+/// module defines `clocks`, `set_sample_time` and the constants that are used here.
 macro_rules! board {
     (
         $board:expr,

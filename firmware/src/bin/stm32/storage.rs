@@ -1,8 +1,8 @@
 //! The calibration's flash pages as the memory that holds its slots.
 //!
-//! Each double word has a code that corrects one wrong bit. Two wrong bits raise the non-maskable
-//! interrupt at every read (RM0394, section 3.3.2). A loss of power while the calibration is
-//! written leaves such a double word, which must not keep the board from starting.
+//! Each double word has a code that corrects one wrong bit. Two raise the non-maskable interrupt at
+//! every read (RM0394, section 3.3.2). A loss of power during a write leaves such a double word,
+//! which must not keep the board from starting.
 #![expect(unsafe_code, reason = "an exception is handled, and the linker's symbols are declared")]
 
 use core::ops::Range;
@@ -16,10 +16,8 @@ use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNo
 /// Smallest unit of erasure (RM0394, table "Flash module organization").
 const PAGE: usize = 2 * 1024;
 
-/// The calibration's pages as a separate memory.
-///
-/// Erasing a page stops the core for about 25 ms, since code runs from the same bank. Frames that
-/// fall due meanwhile count as late.
+/// The calibration's pages as a separate memory. Erasing a page stops the core for about 25 ms,
+/// since code runs from the same bank. Frames that fall due meanwhile count as late.
 pub(crate) struct Area {
     flash: Flash<'static, Blocking>,
     range: Range<u32>,

@@ -1,5 +1,3 @@
-//! Slots in a memory that loses its power.
-
 pub(crate) mod fake_flash;
 
 use super::*;

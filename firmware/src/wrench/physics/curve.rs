@@ -87,8 +87,8 @@ mod tests {
                 let expected = [height, slope, nu * height * ln_sigma];
                 let found = [found.height, found.slope, found.by_shape].map(f64::from);
                 for (found, expected) in found.into_iter().zip(expected) {
-                    // The logarithm of the power has a rounding error of 2⁻²⁴ relative to it, and
-                    // the power vanishes beyond about 20; plus a few more roundings.
+                    // The power's logarithm has a relative rounding error of 2⁻²⁴, and the power
+                    // vanishes beyond about 20; plus a few more roundings.
                     assert!((found - expected).abs() < 3e-6, "{q} {shape}: {found} {expected}");
                 }
             }

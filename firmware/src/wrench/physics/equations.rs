@@ -95,7 +95,6 @@ impl Equations {
     }
 }
 
-/// Returns the start of a lower triangle's row.
 pub(super) const fn row(i: usize) -> usize {
     i * (i + 1) / 2
 }

@@ -5,13 +5,12 @@
 //! ```
 //!
 //! by at most [`STEPS`] Gauss–Newton steps in single precision, with `v` from the previous step, as
-//! on the host (`crates/sensor-physics/src/inversion`). A sensor on a plateau of its curve has no
-//! influence, since its slope is zero; a saturated one is left out. Frames are independent.
+//! on the host (`crates/sensor-physics/src/inversion`). A sensor on a plateau has no influence,
+//! since its slope is zero; a saturated one is left out. Frames are independent. Only the host
+//! computes standard errors and leaves out sensors that no wrench explains.
 //!
-//! Only the host computes standard errors and leaves out sensors that no wrench explains.
-//!
-//! If the numbers of a calibration are in the ranges of [`Physics`], no computation here overflows:
-//! a step that is not finite, or that leads beyond [`FARTHEST`], is not taken.
+//! If the numbers of a calibration are in the ranges of [`Physics`], no computation overflows: a
+//! step that is not finite, or leads beyond [`FARTHEST`], is not taken.
 
 mod curve;
 mod equations;
@@ -43,8 +42,8 @@ const FARTHEST: f32 = 1e3;
 /// Noise of readings for the start, in units of h.
 const START_NOISE: f32 = 0.02;
 
-/// Returns the wrench in N and N·m of readings in counts, without the channels set in `saturated`;
-/// the unloaded wrench if none is found.
+/// Returns the wrench in N and N·m of readings in counts, without channels in `saturated`; the
+/// unloaded wrench if none is found.
 pub(super) fn invert(model: &Physics, readings: &[u16; CHANNELS], saturated: u8) -> [f32; AXES] {
     let frame = ScaledFrame::new(model, readings, saturated);
     let x = frame.descend(frame.start().unwrap_or_default());
@@ -267,7 +266,7 @@ mod tests {
         for x in poses() {
             let error = error(&model, &readings(&model, &x), 0, &x);
             // Rounding to half a count of 44,800, amplified about a hundredfold by slopes from 0.2
-            // on and gains that are not orthogonal; the prior pulls by as much.
+            // on and oblique gains; the prior pulls by as much.
             assert!(error < 2e-3, "{x:?}: {error}");
         }
     }

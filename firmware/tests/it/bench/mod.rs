@@ -334,7 +334,6 @@ impl Bench {
         self.run_for(4_000);
     }
 
-    /// Sends a command; returns its answer, and the samples before it.
     pub fn ask(&mut self, command: Command) -> (Answer, Vec<Sample>) {
         self.tell(command);
         let (mut answer, mut samples) = (None, Vec::new());

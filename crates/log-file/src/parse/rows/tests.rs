@@ -85,7 +85,6 @@ fn bits(parsed: &ParsedRows) -> Vec<Vec<u64>> {
     parsed.columns.iter().map(|c| c.iter().map(|value| value.to_bits()).collect()).collect()
 }
 
-/// Generates rows, most of them valid.
 fn rows() -> impl Strategy<Value = String> {
     let number = "-?[0-9]{1,18}(\\.[0-9]{1,17})?|-?[0-9]{3,4}|-?0\\.0?[0-9]{11,13}";
     let line_end = prop_oneof![9 => Just("\n"), 2 => Just("\r\n"), 1 => Just("\n\n")];
