@@ -52,8 +52,8 @@ pub(crate) fn integrate(f: impl Fn(f64) -> f64, from: f64, to: f64) -> f64 {
 }
 
 impl Model {
-    /// Returns the work of the body on all beams, J, while its middle moves from `from_m` to
-    /// `to_m`, m past the first beam: the integral of the drag.
+    /// Work of the body on all beams, J, while its middle moves from `from_m` to `to_m`, m past the
+    /// first beam.
     pub fn work(&self, from_m: f64, to_m: f64) -> f64 {
         let channel = &self.setup().channel;
         let of_side = |side: &Side| {

@@ -11,8 +11,8 @@ pub(crate) const LEAST_EXPLAINED: f64 = 0.25;
 /// The highest score of another peak, relative to the best, that is not a rival.
 pub(crate) const HIGHEST_RATIO: f64 = 0.7;
 
-/// The largest plausible skew, ppm: ten times the tolerance of crystals, and enough for most
-/// ceramic resonators.
+/// Largest plausible skew, ppm: ten times the tolerance of crystals, and enough for most ceramic
+/// resonators.
 pub(crate) const LARGEST_SKEW_PPM: f64 = 1000.0;
 
 pub(crate) const MOST_EDGES: usize = 4096;

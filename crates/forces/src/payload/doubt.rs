@@ -51,8 +51,7 @@ fn scatter(poses: &[PayloadPose], first: usize) -> f64 {
     (squares.map(|off| dot(off, off)).sum::<f64>() / (3 * poses.len()) as f64).sqrt()
 }
 
-/// A permutation of the moments with signs: for each axis the source axis, and true if its sign
-/// flips.
+/// A permutation of moments: for each axis the source axis, and true if its sign flips.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MomentExchange([(usize, bool); 3]);
 

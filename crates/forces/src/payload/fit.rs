@@ -8,8 +8,7 @@
 //!
 //! Standard errors treat the residuals as independent between poses and axes, with one variance for
 //! all forces and one for all moments; those of c and T₀ include the error of m. c needs gravity to
-//! turn about two axes or more: on a single line of directions, the component of c along it has no
-//! lever.
+//! turn about two axes or more: on a line of directions, its component along it has no lever.
 
 use shell_data::hint::Hint;
 use shell_data::wrench::PerAxis;
@@ -17,8 +16,8 @@ use shell_data::wrench::PerAxis;
 use super::vector::{Vector, add, cross, dot, inverse, mean, norm, scaled, subtract, times};
 use super::{Payload, STANDARD_GRAVITY_M_S2};
 
-/// The minimum spread of the directions of gravity perpendicular to their main line, rad RMS. With
-/// less spread they do not determine the centre of mass.
+/// Least spread of the directions of gravity perpendicular to their main line, rad RMS, that
+/// determines the centre of mass.
 pub const LEAST_SPREAD: f64 = 1e-3;
 
 /// The minimum number of poses: each gives six equations, and residuals need some to spare.
@@ -80,7 +79,6 @@ pub struct PayloadFit {
     pub spread_rad: [f64; 2],
 }
 
-/// Gravity in earlier documents, which do not state it.
 fn standard_gravity() -> f64 {
     STANDARD_GRAVITY_M_S2
 }
@@ -171,8 +169,8 @@ pub fn fit(poses: &[PayloadPose]) -> Result<PayloadFit, PayloadError> {
     })
 }
 
-/// RMS difference of gravity from its mean, as a share of gravity: along the main line of these
-/// differences, and perpendicular to it.
+/// RMS difference of gravity from its mean, as a share of gravity: along its main line, and
+/// perpendicular to it.
 pub(super) fn spread(
     turns: impl Iterator<Item = Vector> + Clone,
     gravity: impl ExactSizeIterator<Item = Vector>,
