@@ -1,8 +1,7 @@
 //! A smooth part of a tip's path on which the body moves forward, and the root of `s(z) = s` on it.
 //!
 //! As a function of the travel `s`, `z` has two branch points: at a release, where `ds/dz` is zero,
-//! and a little before the first touch, at `s = −α²/4β`, the zero of the derivative of `s ≈ α·z +
-//! β·z²`. In
+//! and just before the first touch, at `s = −α²/4β`, the zero of the slope of `s ≈ α·z + β·z²`. In
 //!
 //! ```text
 //! w = √(s + α²/4β) / (√(s + α²/4β) + √(s_end − s))

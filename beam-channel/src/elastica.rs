@@ -175,8 +175,7 @@ struct Tip {
     root_of_force: f64,
 }
 
-/// Returns the tip of a beam turned by `χ_L − χ₀`, twice `half_turn`, under a force at `χ₀` to the
-/// clamp.
+/// Returns the tip of a beam turned by `χ_L − χ₀`, twice `half_turn`; force at `χ₀` to the clamp.
 fn tip(clamp: f64, half_turn: f64) -> Tip {
     let (low, low_cos) = (sin(0.5 * clamp), cos(0.5 * clamp));
     // k² − sin²(χ₀/2), without cancellation.

@@ -68,9 +68,8 @@ impl Law {
             }
     }
 
-    /// Returns a value with the sign and size of `d drag/d travel`, N/m, on the arc of `contact`,
-    /// from `drag = (k_t/L)·Δθ·n/N`, `n = out + μ·back`, `dΔθ/dτ = ±out/r` and `ds/dτ =
-    /// steepness/r`.
+    /// Returns a value with the sign and size of `d drag/d travel`, N/m, on the arc of `contact`:
+    /// `drag = (k_t/L)·Δθ·n/N`, `n = out + μ·back`, `dΔθ/dτ = ±out/r`, `ds/dτ = steepness/r`.
     pub(crate) fn drag_slope(&self, path: &Path, contact: &Contact) -> f64 {
         let Contact { rise, reach_m: reach, sin, cos, back, out, steepness, .. } = *contact;
         let push = out + self.friction * back;

@@ -115,8 +115,7 @@ pub enum Normal {
     /// balances only if it is perpendicular to the beam. Belongs to [`Angle::True`]. Without
     /// friction, the force is unbounded at the release.
     MomentBalance,
-    /// Force that bends an inextensible clamped beam to its tip's position: Euler's elastica.
-    /// Touches by its tip only.
+    /// Force that bends a clamped beam to its tip's position: Euler's elastica. Tip contact only.
     Elastica,
     /// [`Elastica`](Self::Elastica) for a plate, which also touches with its face.
     Plate,
@@ -156,8 +155,8 @@ impl Beam {
 }
 
 impl Setup {
-    /// Largest deflection of the tips by a body in the middle, `d = R_y − b/2`, m; not positive
-    /// without a touch.
+    /// Largest deflection of the tips by a centred body, `d = R_y − b/2`, m; positive if it
+    /// touches.
     pub fn deflection_m(&self) -> f64 {
         self.ellipse.semi_width_m - 0.5 * self.channel.width_m
     }
@@ -204,11 +203,9 @@ pub enum SetupError {
     Jams { wall: Wall, depth_m: f64, beam_length_m: f64 },
     /// Friction holds a tip of a wall if bar and spring, or a clamped beam, balance.
     Locks { wall: Wall, friction: f64 },
-    /// The body, this far past the tips, m, presses a wall's plates against the line of their
-    /// bases.
+    /// The body, this far past the tips, m, presses a wall's plates against the line of bases.
     Flattens { wall: Wall, depth_m: f64, beam_length_m: f64 },
-    /// The body's middle, this far to the left of the channel's, m, is beyond the line of a wall's
-    /// tips.
+    /// The body's middle, this far to the left, m, is beyond the line of a wall's tips.
     BeyondTips { wall: Wall, offset_m: f64, half_width_m: f64 },
 }
 

@@ -165,8 +165,7 @@ impl Side {
         self.path.depth() > self.path.beam
     }
 
-    /// Returns true if a clamped beam's face comes to lie against the body without its force: only
-    /// tips are modelled.
+    /// Returns true if a clamped beam's face meets the body, whose force on faces is not modelled.
     pub fn beams_lie_against_body(&self) -> bool {
         self.path.bending.is_some_and(|bending| bending.lies_against_body)
     }
@@ -181,8 +180,7 @@ impl Side {
         self.first_touch_rad + contact.turn()
     }
 
-    /// Returns the contact with a beam touched `travel_m` ago; `None` before touch or after
-    /// release.
+    /// Returns the contact with a beam touched `travel_m` ago; `None` outside touch and release.
     pub fn contact_after(&self, travel_m: f64) -> Option<Contact> {
         let touches = travel_m >= 0.0 && travel_m <= self.travel_m();
         touches.then(|| self.arc_at(travel_m).locate(&self.path, travel_m))

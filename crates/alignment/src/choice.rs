@@ -18,8 +18,7 @@ use super::response::Family;
 /// Largest factor, in the geometric mean of the channels, by which residuals of a plausible model are larger.
 const PLAUSIBLE: f64 = 1.3;
 
-/// Error due to speed-dependent friction, relative to the shift by quick lags, from simulated bristles
-/// (`docs/alignment.md`).
+/// Error due to speed-dependent friction, relative to the shift by quick lags, by simulation (`docs/alignment.md`).
 const SPEED: f64 = 3.0;
 
 /// Differences within this number of standard deviations of the noise are put down to it.
@@ -110,8 +109,7 @@ mod tests {
 
     const FAMILIES: [Option<Family>; 3] = [None, Some(Family::AxisPlays), Some(Family::Lags)];
 
-    /// One channel that follows feature 0 with a delay, a share of memory 1; memory 2 is unused. The slope is that of
-    /// feature 0.
+    /// One channel that follows feature 0, also the slope, late by a share of memory 1; memory 2 is unused.
     fn gram(share: f64, noise: f64) -> GramSums {
         let mut gram = GramSums::new(3, 1);
         let mut random = Random(3);

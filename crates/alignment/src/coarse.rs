@@ -84,8 +84,7 @@ fn argmax(values: &[f64], range: std::ops::Range<usize>) -> Option<usize> {
     range.max_by(|&a, &b| values[a].total_cmp(&values[b]))
 }
 
-/// Peaks other than `best`, highest first, down to `high`; at most one more than the maximum number
-/// of rivals.
+/// Peaks other than `best`, highest first, down to `high`; at most one more than allowed rivals.
 fn peaks(scores: &[f64], best: usize, high: f64) -> Vec<usize> {
     let mut left = scores.to_vec();
     let mut peaks = Vec::new();

@@ -6,8 +6,7 @@ use faer::{Accum, Mat, MatRef, Par};
 
 use super::optics::{Bend, POWERS};
 
-/// A pivot below this fraction of its diagonal marks a feature that others explain, or a load that
-/// never occurs.
+/// Pivot, as a fraction of its diagonal, of features that others explain or that never occur.
 const TOLERANCE: f64 = 1e-9;
 
 /// Regularisation of the bends, as a share of the powers' squares: zero for undetermined bends.
@@ -65,8 +64,7 @@ impl Projected {
         }
         let kept: Vec<usize> = (0..features).filter(|&k| keep(k)).collect();
         let columns: Vec<usize> = kept.iter().copied().chain(features..gram.ncols()).collect();
-        // Cholesky by rows of the upper triangle: `work` ends as [R | R⁻ᵀ XᵀZ] above the projected
-        // block.
+        // Cholesky by rows of the upper triangle: `work` ends as [R | R⁻ᵀ XᵀZ] above that block.
         let row = |&i: &usize| columns.iter().map(|&j| gram[(i.min(j), i.max(j))]).collect();
         let mut work: Vec<Vec<f64>> = columns.iter().map(row).collect();
         let mut used = Vec::with_capacity(kept.len());

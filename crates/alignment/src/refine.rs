@@ -42,8 +42,7 @@ const BLOCK: usize = 256;
 const STEPS: usize = 40;
 /// Number of features that do not depend on the load: a constant and a drift.
 const CONSTANTS: usize = 2;
-/// First steps that also estimate the share of the memory in the products; it is then fixed, so
-/// that steps can converge.
+/// First steps that also estimate the memory's share in the products, fixed for later steps.
 const MEMORY_STEPS: usize = 4;
 /// Steps are small below this share of the standard error for white residuals.
 const SMALL: f64 = 0.01;
@@ -57,8 +56,7 @@ const ROWS_PER_FEATURE: usize = 4;
 const LEAST_GAIN: f64 = 0.1;
 /// A row with a larger residual (squared, per channel) is downweighted (Huber).
 const OUTLIER: f64 = 4.0;
-/// Oscillating steps below this are accepted, s: jumps of the load between frames put corners into
-/// the objective.
+/// Oscillating steps below this, s, are accepted: jumps of the load give the objective corners.
 const NEARLY_S: f64 = 5e-4;
 /// A step of this length has lost the match, s.
 const LOST_S: f64 = 10.0;

@@ -1,5 +1,4 @@
-//! Possible responses of an optical sensor on springs, as features of which straightened readings
-//! are a linear map.
+//! Features of a wrench, mapped linearly to the straightened readings of sensors on springs.
 //!
 //! Springs respond late: they creep, and friction makes the response depend on the history of the
 //! load. Both shift readings by milliseconds in one direction, whatever the clocks do, and bias an

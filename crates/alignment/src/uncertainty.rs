@@ -19,8 +19,7 @@ const UNKNOWN_DELAY: f64 = 0.012;
 /// Uncertain share of the frames' period, as frames do not show when a load jumps between them
 /// (found in the same way).
 const UNKNOWN_JUMP: f64 = 0.4;
-/// Standard deviations of the scatter of products of successive residuals, for pure noise, that are
-/// subtracted.
+/// Standard deviations of noise in products of successive residuals that are subtracted.
 const CHANCE: f64 = 2.0;
 
 pub(super) struct MatchedRow<'a> {

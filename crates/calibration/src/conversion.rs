@@ -26,8 +26,7 @@ pub struct Calibration {
     pub valid_range: Option<Vec<ReadingRange>>,
     /// Memory terms that must follow the readings.
     pub memory: Option<MemoryTerms>,
-    /// Lag of the training logs' reference behind the readings, compensated in the fit: forces refer to the time of
-    /// the reading.
+    /// Lag of the training reference behind the readings. The fit removed it: forces refer to the reading's time.
     pub lag: Option<ReferenceLag>,
 }
 
@@ -86,8 +85,7 @@ impl Calibration {
         self.memory.as_ref().is_some_and(|memory| memory.time_base == TimeBase::Seconds)
     }
 
-    /// Appends memory terms to the readings, and moves the wrench to their time, for a comparison with converted
-    /// readings.
+    /// Appends memory terms to the readings, and moves the wrench to their time, to compare it with conversions.
     ///
     /// # Errors
     /// [`FitError::NoTime`] if the time constants are in seconds and a log has no time.
@@ -122,8 +120,7 @@ impl Calibration {
         }
     }
 
-    /// Converts every row to an untared wrench, N and N·m, bit-identical on every machine and
-    /// whatever the neighbouring rows.
+    /// Converts every row to an untared wrench, N and N·m, bit-identical on any machine and beside any rows.
     ///
     /// `readings`: one column per channel, in counts, then the [memory terms](Self::memory); without these the sensor
     /// is assumed to have been still. `wrench` is resized to the rows, with zeros on axes not in [`Self::axes`].

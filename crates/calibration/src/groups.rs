@@ -13,8 +13,7 @@ use shell_data::statistics::RunningVariance;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HeldOut {
-    /// Groups of the logs' column, or files, or groups found in a single log, or else blocks of
-    /// time.
+    /// Groups of the logs' column, or files, or groups found in a single log, or blocks of time.
     Auto,
     File,
     Column,
@@ -66,8 +65,7 @@ pub enum FoundKind {
 
 const STRETCHES: u64 = 40;
 
-/// Rows are shuffled if neighbouring loads correlate less than this; in order of time they
-/// correlate far more.
+/// Rows are shuffled if neighbouring loads correlate less; in order of time it is far more.
 pub(crate) const SHUFFLED_BELOW: f64 = 0.3;
 
 /// Maximum number of blocks of time into which the rows of several files are divided.
@@ -192,8 +190,7 @@ fn loads_are_constant_in_groups(data: &Dataset) -> bool {
     })
 }
 
-/// Returns true unless a sample of a log's rows rules out plateaus. One of the first rows only
-/// cannot.
+/// Returns true unless a sample of a log, not of its first rows only, rules out plateaus.
 pub fn may_have_plateaus(sample: &Block, is_sampled_at_start: bool) -> bool {
     let mut finder = PlateauFinder::<6>::new(Steps::from_sample(&[], &sample.wrench));
     finder.add(&[], &sample.wrench);
@@ -272,8 +269,7 @@ pub(crate) fn stretches_of_files(data: &Dataset) -> Option<(Dataset, Vec<Range<u
     Some((label_found(data, FoundKind::Stretches, lengths).1, files))
 }
 
-/// Returns true if neighbouring loads are uncorrelated on every axis: such rows cannot be held out
-/// by time.
+/// Returns true if neighbouring loads are uncorrelated on every axis: no blocks of time then.
 pub(crate) fn rows_are_shuffled(data: &Dataset) -> bool {
     data.rows() > STRETCHES && load_correlation(data, 1) < SHUFFLED_BELOW
 }

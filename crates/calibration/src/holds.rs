@@ -1,5 +1,4 @@
-//! Poses (blocks of still readings) in unlabelled recordings, matched in order with a list of
-//! loads.
+//! Poses (blocks of still readings) without labels, matched in order with a list of loads.
 
 use crate::groups::label_runs;
 use crate::validation::plateaus::{Level, PlateauFinder, SAME_LEVEL, Steps};
@@ -7,8 +6,7 @@ use sensor_physics::MOST_CHANNELS;
 use shell_data::dataset::{Dataset, LogRows, sample};
 use shell_data::statistics::extremes;
 
-/// Share of its range from the first pose within which every channel of an unloaded pose is: play
-/// remains.
+/// Largest distance of an unloaded pose from the first, in channel ranges: play remains.
 const AT_REST: f64 = 0.03;
 
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

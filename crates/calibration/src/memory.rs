@@ -64,8 +64,7 @@ impl MemoryTerms {
 }
 
 impl MemoryState {
-    /// Computes the terms of the next rows: columns as long as those of `readings`, channel by
-    /// channel for each time constant.
+    /// Computes the terms of the next rows: columns like those of `readings`, channel by channel for each constant.
     ///
     /// # Errors
     /// [`NoTime`] if the time constants are in seconds and `times_s` does not have a time for each row.

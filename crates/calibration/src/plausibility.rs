@@ -14,8 +14,7 @@ const LARGEST_FORCE: f64 = 1e15;
 /// load. Channels that move together give coefficients that cancel only near the training data.
 const TIMES_LOAD: f64 = 1e12;
 
-/// Largest plausible distance of the centre, which dropped outliers move, from the training range,
-/// in its widths.
+/// Largest distance of the centre from the training range, in its widths: outliers move it.
 const WIDTHS: f64 = 1e3;
 
 /// Most channels for all corners; with more, only those where all channels but one agree.

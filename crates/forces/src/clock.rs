@@ -31,8 +31,7 @@ pub struct ClockSearch {
 }
 
 impl ClockSearch {
-    /// Takes the times of the next rows, s; ignores rows after the first `CLOCK_ROWS` once a period
-    /// is known.
+    /// Takes the times of the next rows, s; once a period is known, ignores all after `CLOCK_ROWS`.
     pub fn look_at(&mut self, times_s: &[f64]) {
         for &time in times_s {
             if self.is_done() {
@@ -83,8 +82,7 @@ impl Grid {
         Self { clock, rule, next_row: 0, last_slot: 0 }
     }
 
-    /// Slots of the next rows. A row earlier than a previous one, such as a late radio frame,
-    /// shares its slot.
+    /// Slots of the next rows. A row earlier than a previous one (a late frame) shares its slot.
     pub fn slots(&mut self, times_s: &[f64]) -> Vec<u64> {
         let slot = |&time: &f64| {
             let slot = match self.rule {

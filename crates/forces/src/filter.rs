@@ -57,8 +57,7 @@ pub struct Butterworth {
     sections: Vec<FilterSection>,
 }
 
-/// One real pole or one pair of complex poles; `g = tan(π·cutoff/rate)` is the prewarped cutoff, `k = 1/Q` the
-/// damping.
+/// One real pole or a pair of complex poles; `g = tan(π·cutoff/rate)`: prewarped cutoff, `k = 1/Q`: damping.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum FilterSection {
     /// `g / (s + g)` under the bilinear transform `s = (z − 1)/(z + 1)`.
@@ -73,8 +72,7 @@ impl Butterworth {
     /// The lowest cutoff, as a share of the rate. An output there depends on some million samples.
     pub(crate) const LOWEST: f64 = 2e-5;
 
-    /// Designs a low-pass with `order` poles and −3.01 dB at `cutoff_hz`, as `scipy.signal.butter(order, cutoff,
-    /// fs=rate)`.
+    /// Designs a low-pass with −3.01 dB at `cutoff_hz`, as `scipy.signal.butter(order, cutoff, fs=rate)`.
     ///
     /// # Errors
     /// [`FilterError::Order`] outside 1..=16, [`FilterError::Rate`] unless positive and finite,
@@ -190,8 +188,7 @@ impl Filter {
         Self::settled(design, 0.0)
     }
 
-    /// Starts in the state after an endless constant `value`, as `sosfilt_zi` does: further samples give exactly
-    /// `value`.
+    /// Starts in the state after an endless constant `value`, as `sosfilt_zi`: further samples give exactly it.
     pub fn settled(design: &Butterworth, value: f64) -> Self {
         let state = FilterState { band: 0.0, low: value };
         Self { sections: design.sections.iter().map(|&section| (section, state)).collect() }
@@ -205,8 +202,7 @@ impl Filter {
         })
     }
 
-    /// Replaces the next samples by the output, whatever the pieces. A sample that is not finite spoils all later
-    /// outputs.
+    /// Replaces samples by the output, in pieces of any size. A sample that is not finite spoils all later ones.
     ///
     /// Each section is integrated by the trapezoidal rule, implicitly, in closed form: A. Simper,
     /// "Linear Trapezoidal Integrated State Variable Filter" (Cytomic, 2013); V. Zavalishin, "The
@@ -262,9 +258,8 @@ mod tests {
     }
 
     impl FilterSection {
-        /// The biquad `[b0, b1, b2, 1, a1, a2]`, with the poles of
-        /// `scipy.signal.butter(…, output="sos")`. Each section has gain 1 at zero frequency; SciPy
-        /// puts the whole gain in the first.
+        /// The biquad `[b0, b1, b2, 1, a1, a2]`, with the poles of `scipy.signal.butter(…, output="sos")`. Each
+        /// section has gain 1 at zero frequency; SciPy puts the whole gain in the first.
         fn biquad(&self) -> [f64; 6] {
             match *self {
                 FilterSection::Real { g } => {
@@ -581,8 +576,7 @@ mod tests {
                     let frequency = share * cutoff;
                     let expected = analytic(order, cutoff, frequency);
                     let found = gain(order as usize, cutoff, frequency, length);
-                    // Thousands of terms sum to one; the rounding error grows with the root of
-                    // their number.
+                    // Thousands of terms sum to one; the rounding error grows with the root of their number.
                     assert!((found - expected).abs() < 1e-12, "{order} {frequency}: {found}");
                 }
             }

@@ -159,8 +159,7 @@ mod tests {
         assert_near(at_point, [2.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
     }
 
-    /// After 90° about x the new y is the old z, and the next 90° are about that axis; another order of rotations
-    /// differs.
+    /// After 90° about x the new y is the old z, about which the next 90° are; another order differs.
     #[test]
     fn turns_are_about_axes_that_have_turned_before() {
         let wrench = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0];

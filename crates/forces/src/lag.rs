@@ -106,8 +106,7 @@ impl Between {
         let after = before + 1;
         let [step, rise] = [times, forces].map(|of| of[after] - of[before]);
         let secant = rise / step;
-        // Slope at one end of the step, by a parabola through both ends and the outer neighbour or, without one, by
-        // the line.
+        // Slope at one end of the step, by a parabola through the outer neighbour, or else by the straight line.
         let slope = |at: usize, other: Option<usize>| {
             let other = other.filter(|&other| other < times.len());
             let far = other.map(|other| (times[other] - times[at], forces[other] - forces[at]));

@@ -8,8 +8,7 @@ pub const DEFAULT_TARE_FRAMES: usize = 50;
 pub struct ForceOptions {
     pub tare: TareRule,
     pub low_pass: Option<LowPass>,
-    /// Leaves forces unfiltered, instead of failing, if the log's rate is unknown or too low for a
-    /// default low-pass.
+    /// Leaves forces unfiltered, instead of failing, if the rate does not suit a default low-pass.
     #[serde(skip)]
     pub low_pass_is_optional: bool,
     /// Slots of the low-pass per second, in place of the log's own rate, Hz.
@@ -81,8 +80,7 @@ impl ForceOptions {
         rule: RowRule::Time,
     };
 
-    /// These options with a causal low-pass and zero, as during recording, or with both free of
-    /// delay.
+    /// These options with a causal low-pass and zero, as for recording, or with both free of delay.
     pub fn with_delay(mut self, causal: bool) -> Self {
         if let Some(low_pass) = &mut self.low_pass {
             low_pass.zero_phase = !causal;

@@ -194,8 +194,7 @@ impl PipelineSetup {
         self.tare.is_done() && (!needs_clock || self.clock.is_done())
     }
 
-    /// Span of rows, s, needed for the forces between two times, if the clock is
-    /// [known](ClockSearch::is_done).
+    /// Rows, s, needed for forces between two times, if the clock is [known](ClockSearch::is_done).
     ///
     /// # Errors
     /// [`ForceError::Filter`].

@@ -1,5 +1,4 @@
-//! Frames used as unloaded, with a check against the training data, and a zero taken during
-//! recording.
+//! Frames used as unloaded, a check by the training data, and a zero taken during recording.
 
 use calibration::Calibration;
 use calibration::quality::AxisQuality;
@@ -281,8 +280,7 @@ pub fn by_column<T: serde::Serialize, S: serde::Serializer>(
     serializer.collect_map(values.iter().map(|(axis, value)| (axis.column(), value)))
 }
 
-/// Share of the largest training load above which a tare wrench is doubtful: drift and noise are
-/// below it.
+/// Share of the largest training load from which a tare is doubtful: drift and noise are below.
 const LOADED: f64 = 0.1;
 
 /// Multiple of the calibration error below which a tare wrench is not a detectable load.

@@ -1,5 +1,4 @@
-//! Unevaluated sums of a head and a tail, with about 31 decimal digits and the exponent range of
-//! `f64`.
+//! Unevaluated sums of a head and a tail: about 31 decimal digits, the exponent range of `f64`.
 //!
 //! The error-free transformations are by Knuth (TAOCP 2, §4.2.2) and Dekker (Numer. Math. 18,
 //! 1971), the operations the accurate ones of Joldes, Muller and Popescu (ACM TOMS 44, 2017), with
@@ -80,8 +79,7 @@ impl DoubleDouble {
         self.head.is_finite() && self.tail.is_finite()
     }
 
-    /// Square root, by one step of Newton's method (Karp's trick). Zero for zero, NaN for a
-    /// negative number.
+    /// Square root, by a step of Newton's method (Karp's trick). NaN for a negative number.
     #[inline(always)]
     pub fn sqrt(self) -> Self {
         if self.head <= 0.0 {

@@ -1,8 +1,6 @@
-//! Groups of rows relative to a fit of all: the [scatter](crate::sandwich) of its coefficients, and fits without some
-//! groups.
+//! Groups of rows relative to a fit of all: the [scatter](crate::sandwich) of coefficients, and fits without some.
 //!
-//! With the `F` of the fit, `F·Fᵀ = (XᵀX + Λ)⁻¹`, the columns of `M = X·F` are orthonormal, but for a ridge.
-//! A group has
+//! With the `F` of the fit, `F·Fᵀ = (XᵀX + Λ)⁻¹`, columns of `M = X·F` are orthonormal, but for a ridge. A group has
 //!
 //! ```text
 //! M_g = X_g·F    E_g = W_g − X_g·C    K_g = M_gᵀM_g    u_g = M_gᵀE_g
@@ -269,8 +267,7 @@ impl FittedGroup {
         self.add(x, errors, &vec![1.0; rows], solution);
     }
 
-    /// Adds rows with the features `x` and the `errors`, or an orthogonal transformation of both and of a column of
-    /// ones.
+    /// Adds rows with the features `x` and the `errors`, or an orthogonal transformation of both and of ones.
     fn add(&mut self, x: MatRef<'_, f64>, errors: Mat<f64>, ones: &[f64], solution: &Solution) {
         use BlockStructure::{Rectangular, TriangularUpper};
         let mut features = Mat::zeros(x.nrows(), x.ncols());

@@ -188,8 +188,7 @@ impl Model {
         features + self.memory * n + usize::from(self.intercept)
     }
 
-    /// Displayed name: that of [`Term::name`], or for a memory term `s2-EMA3(s2)`, 3 being the number of the time
-    /// constant.
+    /// Displayed name: that of [`Term::name`], or for a memory term `s2-EMA3(s2)` with the time constant's number.
     pub fn term_name(&self, term: &Term) -> String {
         match term.factors() {
             &[column] if usize::from(column) >= self.channels => {

@@ -18,8 +18,7 @@ pub struct Workers<'a> {
     pub threads: usize,
     /// Called with the number of rows that a pass has just handled; returns false to cancel.
     pub watch: Option<&'a (dyn Fn(usize) -> bool + Sync)>,
-    /// Called with the numbers of completed and of all folds of the physics model, or splits of a
-    /// replay.
+    /// Called with the numbers of completed and all folds of physics models, or splits of a replay.
     pub folds: Option<&'a (dyn Fn(usize, usize) + Sync)>,
     /// Called at the start of each stage of a fit, with its name.
     pub stages: Option<&'a (dyn Fn(&'static str) + Sync)>,
@@ -128,8 +127,7 @@ impl<'a> From<&'a Block> for Rows<'a> {
 
 /// The result of a pass over rows.
 pub trait Pass: Clone + Send + Sync {
-    /// True if `merge` is commutative and associative, bit for bit: order and grouping of rows do
-    /// not matter.
+    /// True if `merge` is commutative and associative, bit for bit: row order does not matter.
     const ANY_ORDER: bool = false;
 
     /// Rows to reduce together if the order matters: a merge may cost as much as adding that many.
@@ -150,12 +148,11 @@ pub trait Pass: Clone + Send + Sync {
     fn merge(&mut self, later: Self) -> Result<(), FitError>;
 }
 
-/// Passes every item to `work`, on as many threads as its block, `rows_of`, justifies; see
+/// Passes every item to `work`, on as many threads as its block, `rows_of`, is worth; see
 /// [`on_threads`].
 ///
 /// # Errors
-/// The first error of `work` or `fold` in item order; [`FitError::Interrupted`] if
-/// [`Workers::watch`] cancels.
+/// The first error of `work` or `fold` in order; [`FitError::Interrupted`] by [`Workers::watch`].
 pub fn each<I: Sync, S: Send, T: Send>(
     items: &[I],
     rows_of: impl Fn(&I) -> &Block + Sync,

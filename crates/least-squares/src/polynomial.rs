@@ -16,8 +16,7 @@ pub struct Polynomial {
 }
 
 impl Polynomial {
-    /// Takes coefficients for standardised readings, one row per [term](Model::terms), in N and N·m per unit of the
-    /// feature.
+    /// Takes coefficients for standardised readings, one row per [term](Model::terms), in N and N·m per feature.
     ///
     /// # Panics
     /// If the numbers of coefficients and terms, or of scalings and channels, differ.

@@ -14,8 +14,7 @@ pub struct RandomSplit {
     pub seed: u64,
 }
 
-/// Rows of each held-out fold, a hash of a row's values and the seed: equal rows share a fold in
-/// any log.
+/// Rows of each held-out fold, by a hash of values and seed: equal rows share a fold in any log.
 pub fn assign(block: &Block, split: &RandomSplit) -> Vec<Vec<usize>> {
     let mut assigned = vec![Vec::new(); split.held_out];
     if split.held_out == 0 {

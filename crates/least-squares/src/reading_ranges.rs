@@ -1,5 +1,4 @@
-//! The range of training readings, where a calibration can be trusted, found in the same pass as
-//! the fit.
+//! The range of training readings, where a calibration can be trusted; found while fitting.
 
 /// Counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]

@@ -188,8 +188,7 @@ pub(crate) fn corrected(
 }
 
 /// Part of a group from `M`, rows × features, and `e`, rows × axes: `K_g = MᵀM`, `u_g = Mᵀe`. Fewer rows than
-/// features use `(I − K_g)^(−½)·Mᵀ = Mᵀ·(I − M·Mᵀ)^(−½)`. Also returns `K_g`, if computed or if `wants_share` is
-/// true.
+/// features use `(I − K_g)^(−½)·Mᵀ = Mᵀ·(I − M·Mᵀ)^(−½)`. Also returns `K_g`, if computed or `wants_share`.
 pub(crate) fn corrected_rows(
     rows: MatRef<'_, f64>,
     misfit: MatRef<'_, f64>,

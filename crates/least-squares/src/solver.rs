@@ -1,5 +1,4 @@
-//! Rows to coefficients, for all solvers: blocks are reduced to partial fits, merged in the order of the rows, and
-//! solved.
+//! Rows to coefficients, for all solvers: blocks are reduced to partial fits, merged in row order, and solved.
 
 pub use crate::methods::SolverKind;
 pub use crate::passes::{Pass, Rows, Workers};

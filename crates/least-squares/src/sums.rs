@@ -203,8 +203,7 @@ impl GroupedSums {
     /// Errors of `model` with λ = `ridge` on each group, or each of `folds` folds of groups, from fits without it.
     ///
     /// # Errors
-    /// [`FitError`] for too few groups or rows outside each fold; [`FitError::NoGroupSums`] if the rows themselves
-    /// were kept.
+    /// [`FitError`] for too few groups or rows outside each fold; [`FitError::NoGroupSums`] if rows were kept.
     pub fn cross_validate(
         &self,
         model: &Model,
@@ -222,8 +221,7 @@ impl GroupedSums {
     /// best, larger ones. R factors give no advice: computing the errors on each fold twice is too expensive.
     ///
     /// # Errors
-    /// [`FitError`] for too few groups or no possible model; [`FitError::NoGroupSums`] if the rows themselves were
-    /// kept.
+    /// [`FitError`] for too few groups or no possible model; [`FitError::NoGroupSums`] if rows were kept.
     pub fn select(
         &self,
         intercept: bool,

@@ -1,7 +1,6 @@
 //! Cholesky factors of small symmetric matrices, on the stack.
 //!
-//! Sizes are fixed (6 axes, 10 parameters), and only lower triangles are read (Golub & Van Loan,
-//! 4th ed., §4.2).
+//! Of fixed sizes (6 axes, 10 parameters), from lower triangles (Golub & Van Loan, 4th ed., §4.2).
 
 use pulp::{Scalar, Simd};
 

@@ -37,8 +37,7 @@ pub(super) struct Residuals {
 }
 
 impl Noise {
-    /// Readings repeat to a fiftieth of their range, displacements to 0.15 units of q (of some 6
-    /// over the curve).
+    /// Readings repeat to a fiftieth of their range, displacements to 0.15 units of q (of some 6).
     pub(super) const START: Self = Self { reading: 4e-4, displacement: 0.0225 };
 
     #[inline(always)]

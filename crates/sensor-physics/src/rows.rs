@@ -5,8 +5,7 @@
 //! wrench changes within a group, as in a push by hand, each cell has a mean. Cells are [`CELL_WIDTH`] wide, and the
 //! group's mean is in the middle of one: a pose of constant load is a single cell.
 //!
-//! Sums are integers: values are rounded once, to 2⁻⁶⁰ of the largest in the column. Means do not depend on the order
-//! of rows.
+//! Sums are integers: values are rounded once, to 2⁻⁶⁰ of the largest in the column, for any order of rows.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -24,8 +23,7 @@ const ROWS_AT_ONCE: usize = 4096;
 pub struct TrainingRows {
     pub(super) rows: GroupedRows,
     pub(super) channels: usize,
-    /// Reference for conversions of a group's rows, if not their wrench: stated loads, where readings correct the
-    /// wrench.
+    /// Reference for conversions of a group's rows, if not their wrench: stated loads, if readings correct it.
     pub judged_by: BTreeMap<u64, PerAxis<f64>>,
 }
 

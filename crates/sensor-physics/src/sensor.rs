@@ -9,8 +9,7 @@
 //! starts, at two values of ν. Each inverts the curve and solves for b and a, in which the
 //! displacement is linear (*logit-linear* fit).
 //!
-//! Rows are dealt to [`MOST_LANES`] partial sums, in an order that gives the same bits for vectors
-//! of any width.
+//! Rows are dealt to [`MOST_LANES`] partial sums, with the same bits for vectors of any width.
 
 use pulp::Simd;
 

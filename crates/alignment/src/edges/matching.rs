@@ -149,8 +149,7 @@ fn follow(mut line: ClockLine, reference: &[f64], board: &[f64], blur_s: f64) ->
     (pairs.len() > 1).then_some(Pairing { pairs, line })
 }
 
-/// Pairs each edge of the board with the nearest one of the reference, within reach and without a
-/// nearer partner.
+/// Pairs each edge of the board with the nearest of the reference within reach, if mutual.
 fn walk(line: ClockLine, reference: &[f64], board: &[f64], blur_s: f64) -> Vec<(usize, usize)> {
     let mut pairs: Vec<(usize, usize, f64)> = Vec::new();
     for (i, &time) in board.iter().enumerate() {

@@ -53,8 +53,7 @@ impl Edges {
     /// The clock relation from the edges; `by_loads` is that from the loads, if these match.
     ///
     /// # Errors
-    /// [`AlignError::TooManyEdges`], or [`AlignError::EdgesUnclear`] if neither the gaps nor the
-    /// loads determine which edge is which.
+    /// [`AlignError::TooManyEdges`]; [`AlignError::EdgesUnclear`] if gaps and loads leave open which edge is which.
     pub(super) fn clocks(
         mut self,
         by_loads: Option<ClockMap>,

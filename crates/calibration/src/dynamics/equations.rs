@@ -163,8 +163,7 @@ struct Coefficients {
 
 type Fitted<'a> = (Blend, &'a Coefficients);
 
-/// Sums of products of the residual of the loads with the part of their slope that the features do
-/// not explain.
+/// Sums of products of residuals with the part of the loads' slope that features do not explain.
 #[derive(Clone, Copy)]
 pub(super) struct LagSums {
     pub(super) residual: PerAxis<f64>,
@@ -184,8 +183,7 @@ pub(super) struct FoldEquations<'a> {
 }
 
 impl<'a> FoldEquations<'a> {
-    /// Equations for lags about `origin`; `None` if rounding makes those of the features
-    /// indefinite.
+    /// Equations for lags about `origin`; `None` if rounding makes the features' indefinite.
     pub(super) fn new(samples: &'a SearchRows<'a>, origin: f64) -> Option<Self> {
         let loads = samples.loads(0.0);
         let variance = |axis: usize| {
@@ -450,8 +448,7 @@ impl<'a> FoldEquations<'a> {
         Some(errors)
     }
 
-    /// Sums for the fit to all rows at a lag, over all rows or fold by fold. `None` for a lag too
-    /// far from the origin.
+    /// Sums for the fit at a lag, over all rows or fold by fold; `None` too far from the origin.
     pub(super) fn lag_sums(
         &self,
         set: &TermSet,

@@ -7,8 +7,7 @@ use shell_data::wrench::PerAxis;
 pub(super) struct FoldErrors {
     pub(super) rows: u64,
     pub(super) squares: PerAxis<f64>,
-    /// Rows of each fold, and its errors relative to the variance of each axis that varies,
-    /// averaged.
+    /// Rows of each fold, and its errors relative to the variance, averaged over varying axes.
     pub(super) scores: Vec<(u64, f64)>,
     /// Scores minus the part caused by noise of readings and loads.
     pub(super) systematic: Vec<(u64, f64)>,

@@ -113,12 +113,10 @@ pub(super) fn fit(input: FitInput<'_>, mut choice: ModelChoice) -> Result<Fit, F
     Ok(fitted.with_errors(train, test, [errors, of_tests], options))
 }
 
-/// Fits a calibration of `axes` to sums, in total and by group, which allow no physics model or
-/// search for outliers.
+/// Fits a calibration of `axes` to sums, without the physics model or a search for outliers.
 ///
 /// # Errors
-/// [`FitError`] if the rows do not determine the coefficients, or an option needs groups and there
-/// are none.
+/// [`FitError`] if the rows do not determine the coefficients, or necessary groups are missing.
 pub fn fit_sums(
     total: &RowSums,
     groups: Option<(GroupKind, GroupedSums)>,

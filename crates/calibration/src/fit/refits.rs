@@ -33,8 +33,7 @@ pub(super) const FOLDS: usize = 10;
 /// Most values in the R factors of groups held out alone: 200 MB, and twice that for those of all other groups.
 const MOST_NUMBERS: usize = 25_000_000;
 
-/// Most rows on which families are compared, unless the largest family has many features. One row in several of a
-/// group is enough.
+/// Most rows on which families are compared, or more for many features: one in several of a group is enough.
 pub(super) const MOST_COMPARED: usize = 16_384;
 const ROWS_PER_FEATURE: usize = 64;
 

@@ -35,8 +35,7 @@ pub struct UnseenErrors {
     /// `rms` divided by the range of the training loads; `None` for an axis without a range.
     pub share_of_range: PerAxis<Option<f64>>,
     pub on: UnseenRows,
-    /// Factor by which errors may be larger in a new file, from the scatter between files; `None` if no files were
-    /// held out.
+    /// Factor by which errors may be larger in a new file, from the scatter between files, if some were held out.
     pub spread: Option<PerAxis<f64>>,
 }
 

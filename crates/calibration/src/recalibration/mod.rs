@@ -159,8 +159,7 @@ impl Calibration {
                 of.error_scale.iter().map(|scale| scale * scale).sum::<f64>() / 6.0
             }
         };
-        // Held-out errors decide if anything has changed, the variances of the readings what has: a wrench hides some
-        // of it.
+        // Held-out errors decide if anything has changed, variances of readings what: a wrench hides some of it.
         let cautious = ChangeSearch::new(self, loads, held_out_variance);
         let found = cautious.find(true);
         let outcome = match found.ln_evidence > LEAST_LN_EVIDENCE {

@@ -20,8 +20,7 @@ use shell_data::wrench::PerAxis;
 /// Number of linearisations: the third moves the result by a thousandth of a standard error.
 const ROUNDS: usize = 4;
 
-/// Step of central differences, in standard deviations of the widest priors and in reference
-/// errors.
+/// Step of central differences, in widest prior standard deviations and reference errors.
 const STEP: f64 = 1e-3;
 
 #[derive(Clone, Copy, Debug)]
@@ -62,8 +61,7 @@ pub(super) struct FoundChange {
     pub(super) held_out: BTreeMap<u64, Change>,
     /// Log evidence.
     pub(super) ln_evidence: f64,
-    /// RMS of the differences before and after the change, in stated errors; the second with the
-    /// prior terms.
+    /// RMS of differences before and after the change, in stated errors; the second with priors.
     pub(super) disagreement: [f64; 2],
     /// Quantity that would have changed more than in any sensor.
     pub(super) impossible: Option<ChangedQuantity>,
@@ -375,8 +373,7 @@ fn covariance_of_readings(model: &PhysicsModel, wrench: &PerAxis<f64>) -> Mat<f6
     })
 }
 
-/// Reading that no gain changes, and range width, of each channel: the converter's zero unless
-/// never approached.
+/// Reading that no gain changes (the converter's zero, if ever approached) and range of channels.
 fn channels(calibration: &Calibration) -> Vec<(f64, f64)> {
     let has_constant = calibration.polynomial().is_none_or(|it| it.model().intercept);
     let of_range = |[min, max]: [f64; 2]| {

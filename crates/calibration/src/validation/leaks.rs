@@ -151,8 +151,7 @@ impl RowSample {
         Some(RecordedPoses { poses, sample: self, range })
     }
 
-    /// Divides rows where an axis, in ascending order, steps by more than `step`; drops parts of a
-    /// few rows.
+    /// Divides rows where the sorted axis steps by more than `step`; drops parts of a few rows.
     fn divide(&self, mut rows: Vec<usize>, axis: usize, step: f64) -> Vec<Vec<usize>> {
         let load = |row: &usize| self.rows[*row].load[axis];
         rows.sort_unstable_by(|a, b| load(a).total_cmp(&load(b)));
@@ -252,8 +251,7 @@ fn have(spans: &[ReadingSpan], row: &SampledRow, slack: f64) -> bool {
     })
 }
 
-/// Share of labelled rows whose pose occurs in several groups; `None` without poses. Random labels
-/// give nearly 1.
+/// Share of rows whose pose is in several groups; `None` without poses. Random labels: nearly 1.
 pub fn share_in_several_groups(data: &Dataset) -> Option<f64> {
     Some(RowSample::from_groups(data).poses()?.share_in_several_groups())
 }

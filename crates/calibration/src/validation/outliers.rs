@@ -33,7 +33,6 @@
 //! `size·σ/√n` on average: to move a root mean square error by a tenth, it needs a size of
 //! `0.46·√n`, above 10 from 470 rows on. If many errors are large, a search raises the limit far
 //! above all of them.
-//! limit far above all of them.
 
 use crate::conversion::Calibration;
 use crate::prediction::spread;
@@ -66,8 +65,7 @@ const TAKES_OVER_IN_AVERAGES: f64 = 20.0;
 const JUMP: f64 = 2.0;
 const SIZE_WITH_JUMP: f64 = 3.0;
 
-/// Limits for a spike: jump from both neighbours, in standard deviations of its channel's changes;
-/// size of the error.
+/// Limits for a spike: jump from both neighbours, in deviations of channel changes; error size.
 const SPIKE: f64 = 6.0;
 const SIZE_WITH_SPIKE: f64 = 4.0;
 
@@ -104,8 +102,7 @@ pub struct TestedRow {
     is_far_alone: bool,
     /// A reading jumps from both neighbours, and the leverage is high enough to dominate the fit.
     takes_over: bool,
-    /// True if a reading jumps from both neighbours by more than its channel changes, and the error
-    /// is large.
+    /// True if a reading jumps from both neighbours by more than usual, and the error is large.
     is_spike: bool,
 }
 
@@ -259,8 +256,7 @@ impl TestPosition {
     }
 }
 
-/// Copies rows of a block, in ascending order, with their neighbours; returns their positions among
-/// the copies.
+/// Copies rows of a block, ascending, with neighbours; returns the positions among the copies.
 fn copy_rows(rows: &[usize], block: &Block) -> (Block, Vec<TestPosition>) {
     const REACH: usize = 2;
     let mut copies = Block::default();

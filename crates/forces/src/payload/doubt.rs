@@ -1,5 +1,4 @@
-//! Detection of forces and moments that do not follow gravity, and of an exchange of axes that
-//! explains them.
+//! Forces and moments that do not follow gravity, and an exchange of axes that explains them.
 
 use super::PayloadPose;
 use super::fit::{PayloadFit, fit};
@@ -108,8 +107,7 @@ pub struct MomentDoubt {
     pub cure: Option<(MomentExchange, f64)>,
 }
 
-/// Returns a doubt if most of the moments do not follow gravity, with the exchange of axes after
-/// which they do.
+/// Returns a doubt if most moments do not follow gravity, with the exchange of axes that helps.
 pub fn moment_doubt(found: &PayloadFit, poses: &[PayloadPose]) -> Option<MomentDoubt> {
     let left = LeftOver::of_moments(found, poses);
     if !left.is_suspected() {

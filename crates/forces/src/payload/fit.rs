@@ -74,8 +74,7 @@ pub struct PayloadFit {
     /// Mean magnitude of gravity over the poses, m/s²; the mass is a force divided by this.
     #[serde(default = "standard_gravity")]
     pub gravity_m_s2: f64,
-    /// RMS rotation of gravity, rad: about the axis of the largest rotation, and about all others
-    /// together.
+    /// RMS rotation of gravity, rad: about the axis of the largest, and about all others together.
     pub spread_rad: [f64; 2],
 }
 
@@ -169,8 +168,7 @@ pub fn fit(poses: &[PayloadPose]) -> Result<PayloadFit, PayloadError> {
     })
 }
 
-/// RMS difference of gravity from its mean, as a share of gravity: along its main line, and
-/// perpendicular to it.
+/// RMS difference of gravity from its mean, in gravities: along the main line, and across it.
 pub(super) fn spread(
     turns: impl Iterator<Item = Vector> + Clone,
     gravity: impl ExactSizeIterator<Item = Vector>,

@@ -99,8 +99,7 @@ impl CarriedLoad {
         (!times_s.is_empty()).then(|| sum.map(|sum| sum / times_s.len() as f64))
     }
 
-    /// Subtracts the load at each row's time, and `zero`. Returns the number of rows of unknown
-    /// load.
+    /// Subtracts the load at each row's time, and `zero`. Returns the number of unknown loads.
     pub fn subtract(
         &self,
         times_s: &[f64],

@@ -1,5 +1,4 @@
-//! Stationary intervals: times in which the sensor is still and unloaded, so that its zero is
-//! visible.
+//! Stationary intervals: times in which a still and unloaded sensor shows its zero.
 //!
 //! The first `STATIONARY_FRAMES` fresh frames of a log form one, as in the usual tare. A later
 //! block of at least as many frames, and half a second, is stationary if in every channel
@@ -37,15 +36,13 @@ pub const PARTS: usize = 5;
 /// zero between intervals.
 const QUIET: f64 = 2.0;
 
-/// Limit on the shift of the zero between intervals, a share of the range so far: it returns with
-/// hysteresis.
+/// Limit on the zero's shift between intervals, in ranges so far: it returns with hysteresis.
 const SAME_ZERO: f64 = 0.05;
 
 /// The minimum noise, as a share of the reading: half a step of a 12-bit converter at mid-range.
 const LEAST_NOISE: f64 = 2.5e-4;
 
-/// Least time from the first frame of a part to its last, s: ten frames at 100 Hz, with room for an
-/// uneven clock.
+/// Least time from a part's first frame to its last, s: ten at 100 Hz, on an uneven clock.
 const PART_S: f64 = 0.085;
 
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -214,8 +211,7 @@ mod tests {
         ((hash >> 11) as f64 / (1_u64 << 53) as f64 - 0.5) * 12_f64.sqrt()
     }
 
-    /// First and last times of the stationary intervals of one channel at 100 Hz, processed in
-    /// pieces.
+    /// First and last times of stationary intervals of a channel at 100 Hz, fed in pieces.
     fn rests(level: impl Fn(f64) -> f64, seconds: usize, piece: usize) -> Vec<(f64, f64)> {
         let times: Vec<f64> = (0..100 * seconds).map(|i| i as f64 / 100.0).collect();
         let readings: Vec<f64> =

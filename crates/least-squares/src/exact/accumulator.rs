@@ -101,8 +101,7 @@ impl Accumulator {
     /// Adds rows: `readings` in counts, one column per channel; `wrench` in N and N·m, six columns.
     ///
     /// # Errors
-    /// [`ExactError`] if the sums cannot be exact; some rows may have been added: do not use the accumulator after
-    /// that.
+    /// [`ExactError`] if the sums cannot be exact; some rows may be in it: do not use the accumulator after that.
     ///
     /// # Panics
     /// If the numbers or lengths of columns are not as described.

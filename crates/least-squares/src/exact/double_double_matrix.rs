@@ -30,8 +30,7 @@ const DONE: f64 = 1.0 / (1u128 << 72) as f64;
 const MOST_ROUNDS: usize = 6;
 
 impl DoubleDoubleMatrix {
-    /// Builds the matrix from the upper triangle of integers, row by row, divided by 2^(row exponent + column
-    /// exponent).
+    /// Builds the matrix from the upper triangle of integers, row by row, over 2^(row exponent + column exponent).
     pub(crate) fn new(upper: impl Iterator<Item = i128>, exponents: &[i32]) -> Self {
         let size = exponents.len();
         let mut scaled = vec![DoubleDouble::ZERO; size * (size + 1) / 2];
@@ -195,8 +194,7 @@ impl Bordered {
 }
 
 vectorised! {
-    /// Factors in place, and leaves `D − BᵀA⁻¹B` in the corner. The error is the first column that is not positive
-    /// definite.
+    /// Factors in place; leaves `D − BᵀA⁻¹B` in the corner. The error is the column that is not positive definite.
     pub(crate) fn factor(a: &mut Bordered) -> Result<(), usize> {
         let width = a.width;
         for k in 0..a.size {

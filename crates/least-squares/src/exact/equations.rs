@@ -247,8 +247,7 @@ impl<'a> IntegerEquations<'a> {
         residual
     }
 
-    /// Coefficients of the unscaled columns of each axis as integers, and the exponents of their
-    /// units.
+    /// Coefficients of each axis for unscaled columns as integers, and the exponents of units.
     fn integers(&self, coefficients: &[AxisRow]) -> ([i32; 6], PerAxis<Vec<BigInt>>) {
         let mut units = [0; 6];
         let integers = std::array::from_fn(|axis| {
@@ -360,8 +359,7 @@ fn penalised_residuals(
         .collect()
 }
 
-/// Condition number of a factor with columns of norm one, to six digits: further ones depend on the
-/// vector width.
+/// Condition number with columns of norm one, to six digits: others depend on vector width.
 fn condition(cholesky: &Bordered) -> f64 {
     let size = cholesky.size;
     let mut r = Mat::<f64>::zeros(size, size);

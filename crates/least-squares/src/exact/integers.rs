@@ -122,8 +122,7 @@ pub(crate) fn power_of_two(exponent: i32) -> f64 {
 /// Rounds an integer below 2¹²⁶ to a double-double; exact up to 2¹⁰⁶.
 #[inline(always)]
 pub(crate) fn round(value: i128) -> DoubleDouble {
-    /// Bits per digit. Digits, the highest with at most 47 bits, are exact in `f64`; a head and a tail hold two
-    /// neighbours.
+    /// Bits per digit. Digits, the highest with at most 47 bits, are exact in `f64`; head and tail hold two.
     const BITS: u32 = 40;
     const MASK: u64 = (1 << BITS) - 1;
     let low = (value as u64 & MASK) as i64;

@@ -71,8 +71,7 @@ pub(crate) struct ShiftStep {
     exponent: usize,
 }
 
-/// Order of the sums of monomials: one (the number of rows), the features, then the products of each group, left by
-/// left.
+/// Order of the sums of monomials: one (the number of rows), features, then each group's products, left by left.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct SumLayout {
     /// Without the constant, in the order of the model.
@@ -141,8 +140,7 @@ impl SumLayout {
         }
     }
 
-    /// Moves the origin of every channel by `by` in sums of one wrench axis, or one digit of it, times one and each
-    /// feature.
+    /// Moves the origin of every channel by `by` in sums of an axis, or a digit of it, times one and each feature.
     pub(crate) fn move_features(&self, sums: &mut [i128], by: &[i64]) {
         for ((_, steps), &by) in self.steps.iter().zip(by) {
             shift(sums, steps, by);

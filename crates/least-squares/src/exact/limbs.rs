@@ -191,8 +191,7 @@ impl Limbs {
         Self { unit: 0, width, count }
     }
 
-    /// Cuts a column into `count` columns, lowest limb first. Returns true if these add up to the
-    /// numbers.
+    /// Cuts a column into `count` columns, lowest limb first. Returns true if these add up to it.
     #[inline(always)]
     pub(crate) fn cut(self, column: &[f64], out: &mut [f64]) -> bool {
         let Limbs { unit, width, count } = self;

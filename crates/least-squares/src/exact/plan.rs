@@ -117,8 +117,7 @@ impl SummationPlan {
     }
 }
 
-/// Blocks until the pairs of sums become inexact: `2^25·2^26 < 2^53`, and multiples of 2²⁶ below
-/// `2^53·2^26`.
+/// Blocks for exact pairs of sums: `2^25·2^26 < 2^53`, and multiples of 2²⁶ below `2^53·2^26`.
 pub(crate) const MOST_BLOCKS: u64 = 1 << 26;
 
 /// Sums in progress: a pair of numbers for each product of columns.

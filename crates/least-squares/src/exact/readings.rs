@@ -115,8 +115,7 @@ impl ChannelRange {
     }
 }
 
-/// Range of a column, in a unit that suits it and `known`; or a reading that is no integer of 16
-/// bits.
+/// Range of a column, in a unit for it and `known`; or a reading that is no 16-bit integer.
 pub(crate) fn scan_column(column: &[f64], known: ReadingUnit) -> Result<ChannelRange, f64> {
     if known == ReadingUnit::COUNT {
         let (lowest, highest, integers) = scan_integers(column);

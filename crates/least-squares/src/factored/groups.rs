@@ -211,8 +211,7 @@ mod tests {
         (solution, groups.finish().unwrap())
     }
 
-    /// Variances of predictions and products of residuals from the singular vectors of all rows: any condition will
-    /// do.
+    /// Variances of predictions and products of residuals from singular vectors: any condition will do.
     fn dense(x: &Mat<f64>, block: &Block) -> (Vec<Mat<f64>>, Mat<f64>) {
         let (n, svd) = (x.nrows(), x.thin_svd().unwrap());
         let u = svd.U();

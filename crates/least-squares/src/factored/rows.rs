@@ -114,8 +114,7 @@ impl FactoredRows {
         self.solve_by(SolverKind::Tsqr.into(), model, ridge)
     }
 
-    /// [`solve`](Self::solve) by any method that weighs all rows equally. [`SolverKind::RidgeGcv`] finds λ for these
-    /// rows.
+    /// [`solve`](Self::solve) by any method of equal weights. [`SolverKind::RidgeGcv`] finds λ for these rows.
     ///
     /// # Errors
     /// As [`FactoredRows::solve`].

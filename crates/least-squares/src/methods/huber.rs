@@ -7,11 +7,9 @@
 //! logarithmic bins gives the median over all rows to 0.4 %; the next pass keeps the sizes near it, which makes the
 //! median exact.
 //!
-//! Coefficients and σ advance together, one step per pass. With few rows σ can oscillate, and its steps are
-//! shortened.
+//! Coefficients and σ advance together, one step per pass. If σ oscillates with few rows, steps are shortened.
 //!
-//! Huber's pseudo-residuals, `K·ψ(rᵢ/σ)·σ/mean ψ'`, make covariances of coefficients follow as in
-//! least squares (§7.6).
+//! Huber's pseudo-residuals, `K·ψ(rᵢ/σ)·σ/mean ψ'`, give covariances of coefficients as in least squares (§7.6).
 
 use faer::Mat;
 
@@ -38,8 +36,7 @@ const FREE_PASSES: usize = 20;
 const SHORTER: f64 = 0.7;
 const SHORTEST: f64 = 0.02;
 const LONGER: f64 = 1.1;
-/// Most rows for which all sizes of residuals are kept for the median; of more rows, those within [`NEAR`] of the
-/// last one.
+/// Most rows for which all sizes are kept for the median; of more rows, those within [`NEAR`] of the last one.
 const ALL_KEPT: u64 = 10_000;
 const NEAR: f64 = 0.01;
 /// Rounding error of sums over rows, relative to their terms.
@@ -204,8 +201,7 @@ pub(super) fn solve<R: RowSource>(rows: &mut R, ridge: Ridge) -> Result<LeastSqu
         }
         let inner = solved.factor.transpose() * &gradient;
         let step = &solved.factor * &inner;
-        // Mean of ψ', the share of rows with full weight. Above 1/2, a step lengthened by its inverse is sure to
-        // improve.
+        // Mean of ψ', the share of full weights. Above 1/2, a step lengthened by its inverse is sure to improve.
         let share = |a: usize| inside[a] as f64 / n;
         let mut settled = true;
         for a in 0..q {
@@ -318,8 +314,8 @@ mod tests {
         assert!((robust[(0, 0)] - 3.0).abs() < 1e-12 && (robust[(1, 0)] + 7.0).abs() < 1e-10);
     }
 
-    /// Dense iteratively reweighted least squares by QR, with the median of all residuals. `None` if it does not
-    /// converge.
+    /// Dense iteratively reweighted least squares by QR, with the median of all residuals. `None` without
+    /// convergence.
     fn reweighted(x: &Mat<f64>, y: &Mat<f64>) -> Option<(Mat<f64>, f64)> {
         let (n, p) = (x.nrows(), x.ncols());
         let mut weights = vec![1.0; n];

@@ -49,8 +49,8 @@ pub enum SolverKind {
     Tsqr,
     /// Householder QR, corrected by residuals in double-double: two passes or more.
     RefinedTsqr,
-    /// QR with column pivoting of the R factor of [`SolverKind::Tsqr`]: lengths and angles of its columns are those
-    /// of `X`.
+    /// QR with column pivoting of the R factor of [`SolverKind::Tsqr`], whose columns have the angles of those of
+    /// `X`.
     PivotedQr,
     /// Singular values of the R factor, which are the singular values of `X`.
     Svd,

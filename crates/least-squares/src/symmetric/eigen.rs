@@ -104,8 +104,7 @@ fn implicit_ql(diagonal: &mut [f64], beside: &mut Vec<f64>) -> Option<Vec<(usize
     let size = diagonal.len();
     beside.resize(size, 0.0);
     let mut rotations = Vec::with_capacity(2 * size * size);
-    // Relative to the whole matrix: with low rank, the remaining rounding errors have no correct digits and do not
-    // converge.
+    // Relative to the whole matrix: with low rank, the remaining rounding errors have no digits to converge.
     let sums = diagonal.iter().zip(&*beside).map(|(d, e)| d.abs() + e.abs());
     let zero = f64::EPSILON * sums.fold(0.0, f64::max);
     for first in 0..size {

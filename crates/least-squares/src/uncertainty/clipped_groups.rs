@@ -164,8 +164,7 @@ mod tests {
         assert!((0.8..1.3).contains(&ratio), "{ratio}");
         let wild = wild_block(30, 40.0);
         let ratio = errors(&wild, SolverKind::Huber) / errors(&clean, SolverKind::Huber);
-        // With 5 % outliers the variance is 1.3 times as large (Huber 1964), some tens of times for plain least
-        // squares.
+        // With 5 % outliers the variance is 1.3 times as large (Huber 1964), for least squares some tens of times.
         assert!(ratio < 2.0, "{ratio}");
         assert!(errors(&wild, SolverKind::RefinedTsqr) > 3.0 * errors(&wild, SolverKind::Huber));
     }

@@ -117,8 +117,7 @@ impl Covariance {
     ) -> Result<Self, FitError> {
         Self::with_intervals(groups, rows, workers, |scatter| match files {
             None => of_scores(groups.count(), workers, |group| groups.score_without(group)),
-            // Rows of one file have more in common than of two. The fit to all rows gives the expected error of a
-            // stretch.
+            // Rows of one file have more in common than of two. The fit to all rows gives a stretch's expected error.
             Some(files) => {
                 let scores = groups.scores_of_files(files, scatter, workers)?;
                 Some(GroupIntervals::from_files(&scores))

@@ -11,8 +11,7 @@ use crate::sandwich::GroupScatter;
 use shell_data::wrench::PerAxis;
 
 /// Most groups with scores. For more, the scatter of the groups and the shape of the training errors suffice
-/// (intervals of 95 % contain 95.0 to 95.7 % of the sensor model's errors from 60 groups on), and fits per group take
-/// long.
+/// (intervals of 95 % contain 95.0 to 95.7 % of the sensor model's errors from 60 groups on), and fits take long.
 pub(super) const MOST_GROUPS: usize = 50;
 
 /// The intervals from the `score` of each group; `None` if there are too many, or only one.

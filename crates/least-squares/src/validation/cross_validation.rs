@@ -183,8 +183,7 @@ pub(super) fn assign_to_folds(
     }
 }
 
-/// Assigns groups with these numbers of rows to even folds: the largest first, each into the fold with the fewest
-/// rows.
+/// Assigns groups with these numbers of rows to even folds: largest first, each to the fold with fewest rows.
 ///
 /// # Errors
 /// [`FitError::Folds`] unless there are at least two folds and at most as many as groups.

@@ -1,7 +1,6 @@
 //! Held-out errors from the normal equations of each fold, for rows that cannot be summed exactly.
 //!
-//! The sum of `[X | W]ᵀ[X | W]` over all other folds gives the fit without a fold, for any ridge. Its errors on the
-//! fold are
+//! The sum of `[X | W]ᵀ[X | W]` over other folds gives the fit without a fold, for any ridge, with errors on it of
 //!
 //! ```text
 //! ‖X_f·C − W_f‖² = W_fᵀW_f − 2·Cᵀ·X_fᵀW_f + Cᵀ·X_fᵀX_f·C
@@ -26,8 +25,7 @@ use crate::solver::ReadingSums;
 use crate::vectors::lower_product;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Most features of a family to choose: the covariance, with an eigenvalue problem for each group, would take
-/// minutes.
+/// Most features of a family to choose: the covariance, with eigenvalues for each group, would take minutes.
 const MOST_FEATURES: usize = 600;
 
 const CHUNK: usize = 1024;
@@ -90,8 +88,7 @@ impl NormalEquations {
         self.products.submatrix(0, self.features, self.features, Axis::ALL.len())
     }
 
-    /// Coefficients, features × 6, with a ridge on columns of norm one, except `free`; `None` if the rows do not
-    /// determine them.
+    /// Coefficients, features × 6, with a ridge on columns of norm one, except `free`; `None` if undetermined.
     fn solve(&self, ridge: f64, free: Option<usize>) -> Option<Mat<f64>> {
         let p = self.features;
         if self.rows < p as u64 && ridge == 0.0 || !self.products.is_all_finite() {

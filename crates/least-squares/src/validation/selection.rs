@@ -87,8 +87,7 @@ impl Tried {
     }
 }
 
-/// Compares all models within the summed basis, with each of `ridges`, and larger ones while the last of several is
-/// best.
+/// Compares all models within the summed basis, with each of `ridges`, and larger ones while the last is best.
 ///
 /// # Errors
 /// [`FitError`] if there are too few groups, or no model can be fitted.

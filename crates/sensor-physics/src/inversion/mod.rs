@@ -15,8 +15,7 @@
 //! curve and eight sensors or more are in use, the row is solved without each in turn. The one whose removal leaves
 //! the least sum is left out and flagged if all others then fit.
 //!
-//! Standard errors come from the curvature at the minimum (Laplace's approximation: MacKay, Neural Computation 4,
-//! 1992).
+//! Standard errors come from the curvature at the minimum (Laplace's approximation; MacKay, Neural Comput. 4, 1992).
 
 mod newton;
 

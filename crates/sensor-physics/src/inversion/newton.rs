@@ -1,5 +1,4 @@
-//! Gauss-Newton steps for several rows at a time. A lane stops when its row does, whatever its
-//! neighbours.
+//! Gauss-Newton steps for several rows at a time. Lanes stop independently of their neighbours.
 
 use pulp::{Simd, WithSimd};
 

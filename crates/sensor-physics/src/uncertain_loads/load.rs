@@ -2,8 +2,7 @@
 
 use shell_data::wrench::{LoadErrors, PerAxis, cross, force_at};
 
-/// Deviations of a load, in stated errors: one of its size, two of its direction, three of its
-/// lever.
+/// Deviations of a load, in stated errors: one of size, two of direction, three of lever.
 pub(super) const OWN: usize = 6;
 
 pub(super) const SHARED: usize = 3;

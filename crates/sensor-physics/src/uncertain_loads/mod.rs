@@ -181,8 +181,7 @@ impl LoadSearch<'_> {
         units.map(|x| x * self.mounting_m)
     }
 
-    /// Wrench of a load in the model's scales, and its derivatives by the load's deviations and its mounting's
-    /// offset.
+    /// Wrench of a load in the model's scales, and derivatives by the load's deviations and mounting's offset.
     fn wrench(&self, at: &Unknowns, row: usize) -> (PerAxis<f64>, [PerAxis<f64>; OWN + SHARED]) {
         // Central differences of a smooth function with numbers of order 1 have a relative error of 1e-8.
         const STEP: f64 = 1e-4;

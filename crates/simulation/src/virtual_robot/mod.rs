@@ -46,8 +46,7 @@ const APPROACH_S: [f64; 2] = [1.0, 1.3];
 const AFTERWARDS_S: f64 = 0.8;
 const STALL_S: f64 = 0.4;
 
-// Constants of the VelociRoACH and the lab's telemetry, repeated so that errors in the profile of
-// the trials show.
+// Constants of the VelociRoACH and the lab's telemetry, repeated to reveal errors in its profile.
 
 /// Standard gravity, m/s² (3rd CGPM, 1901).
 const GRAVITY: f64 = 9.806_65;

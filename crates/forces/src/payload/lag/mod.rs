@@ -164,8 +164,7 @@ impl<'a> LagScan<'a> {
         (curvature > 0.0 && standard_error_s.is_finite()).then_some(Lag { lag_s, standard_error_s })
     }
 
-    /// Returns true if a lag leaves significantly larger residuals than the best one, judged over
-    /// the parts.
+    /// Returns true if a lag's residuals are significantly larger than the best, over the parts.
     fn is_worse(&self, lag: usize) -> bool {
         let more: [f64; PARTS] = from_fn(|part| self.sums[lag][part] - self.sums[self.best][part]);
         more.iter().sum::<f64>() / PARTS as f64 > CLEAR * standard_error(&more)
