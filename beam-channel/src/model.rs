@@ -29,7 +29,6 @@ pub struct Total {
 }
 
 impl Model {
-    ///
     /// # Errors
     /// [`SetupError`] if a quantity is out of range, or the body jams.
     pub fn new(setup: &Setup) -> Result<Self, SetupError> {

@@ -269,7 +269,8 @@ pub(crate) fn stretches_of_files(data: &Dataset) -> Option<(Dataset, Vec<Range<u
     Some((label_found(data, FoundKind::Stretches, lengths).1, files))
 }
 
-/// Returns true if neighbouring loads are uncorrelated on every axis: no blocks of time then.
+/// Returns true if the rows are not in order of time: neighbouring loads are uncorrelated on every
+/// axis, so rows cannot be held out by time.
 pub(crate) fn rows_are_shuffled(data: &Dataset) -> bool {
     data.rows() > STRETCHES && load_correlation(data, 1) < SHUFFLED_BELOW
 }

@@ -36,6 +36,7 @@ pub enum Implausible {
     #[error("within the range of its training data `{}` reaches `{force:e}` {}", axis.name(), axis.unit())]
     Force {
         axis: Axis,
+        /// N or N·m.
         force: f64,
     },
 }

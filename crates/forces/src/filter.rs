@@ -188,7 +188,8 @@ impl Filter {
         Self::settled(design, 0.0)
     }
 
-    /// Starts in the state after an endless constant `value`, as `sosfilt_zi`: further samples give exactly it.
+    /// Starts in the state after an endless constant `value`, as `sosfilt_zi` does:
+    /// further samples of `value` give exactly `value`.
     pub fn settled(design: &Butterworth, value: f64) -> Self {
         let state = FilterState { band: 0.0, low: value };
         Self { sections: design.sections.iter().map(|&section| (section, state)).collect() }

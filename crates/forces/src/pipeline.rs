@@ -132,7 +132,6 @@ impl ForceStream {
         })
     }
 
-    ///
     /// # Errors
     /// [`FilterError::TooFewSamples`].
     pub fn finish(&mut self) -> Result<PerAxis<Vec<f64>>, FilterError> {
@@ -232,7 +231,6 @@ impl PipelineSetup {
         }
     }
 
-    ///
     /// # Errors
     /// [`ForceError`] if there were too few rows for tare or clock, or the filter is impossible.
     pub fn finish(self, calibration: &Calibration) -> Result<ForcePipeline, ForceError> {

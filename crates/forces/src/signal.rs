@@ -107,7 +107,6 @@ impl SignalFilter {
         Ok(())
     }
 
-    ///
     /// # Errors
     /// [`FilterError::TooFewSamples`] if the whole log is too short.
     pub(super) fn finish(&mut self, answers: &mut Vec<f64>) -> Result<(), FilterError> {

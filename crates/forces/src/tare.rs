@@ -164,7 +164,6 @@ impl TareSearch {
         });
     }
 
-    ///
     /// # Errors
     /// [`ForceError::TareFrames`], [`ForceError::TareTime`] if there are too few frames.
     pub(super) fn finish(mut self, calibration: &Calibration) -> Result<ForcePipeline, ForceError> {

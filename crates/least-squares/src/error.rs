@@ -34,6 +34,7 @@ pub enum FitError {
     DynamicsOfMeans,
     #[error("the sums are for `{kept}` features, not for `{asked}`")]
     OtherFeatures {
+        /// Largest model that can be fitted.
         kept: String,
         asked: String,
     },

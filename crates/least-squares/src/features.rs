@@ -31,7 +31,6 @@ pub(crate) enum Recipe {
 }
 
 impl Features {
-    ///
     /// # Panics
     /// If the numbers of columns of `scaling` and `model` differ.
     pub fn new(model: Model, scaling: Scaling) -> Self {

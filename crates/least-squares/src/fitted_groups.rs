@@ -69,7 +69,6 @@ struct FitWithout {
 }
 
 impl<'a> FittedGroups<'a> {
-    ///
     /// # Errors
     /// [`FitError::TooManyGroups`] if they take too much memory; [`FitError::Interrupted`].
     pub fn from_rows(
@@ -91,7 +90,6 @@ impl<'a> FittedGroups<'a> {
         Ok(Self { solution, groups: map(&groups, workers, reduce)? })
     }
 
-    ///
     /// # Errors
     /// [`FitError::NearlyDependent`] if features of the solution were not kept.
     pub fn from_factors(

@@ -28,7 +28,6 @@ pub struct Run {
     pub rows: u32,
 }
 
-///
 /// # Panics
 /// If it is 2³² or more.
 fn index(at: usize) -> u32 {

@@ -14,15 +14,17 @@ use crate::reading_ranges::ReadingRanges;
 /// A relation that holds in every row of the training data, except for rounding.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Dependence {
-    /// A channel, from 0, that always has the same value, in counts.
+    /// A channel, from 0, that always has the same value.
     Constant {
         channel: usize,
+        /// Counts.
         value: f64,
     },
     /// `s[second] = ratio·s[first] + offset`, channels counted from 0, offset in counts.
     Line {
         first: usize,
         second: usize,
+        /// Counts of the second per count of the first.
         ratio: f64,
         offset: f64,
     },

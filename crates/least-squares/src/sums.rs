@@ -5,7 +5,6 @@
 //! | [`ExactSums`] | integers, or decimals of few digits | subtracted exactly | the same bits in any order |
 //! | [R factors](crate::factored) | any | the other groups are merged | sums of rounded products would cancel |
 //! | rows by group | any | downdated from the fit, or fitted again if the solver clips rows | an R factor of each group costs more |
-//!
 
 use std::ops::Range;
 

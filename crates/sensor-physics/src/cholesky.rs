@@ -1,6 +1,7 @@
 //! Cholesky factors of small symmetric matrices, on the stack.
 //!
-//! Of fixed sizes (6 axes, 10 parameters), from lower triangles (Golub & Van Loan, 4th ed., §4.2).
+//! Sizes are fixed: 6 axes, 10 parameters. Only lower triangles are read (Golub & Van Loan, 4th
+//! ed., §4.2).
 
 use pulp::{Scalar, Simd};
 

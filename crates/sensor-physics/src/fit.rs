@@ -75,7 +75,6 @@ pub(super) struct FittedParameters {
 }
 
 impl Scales {
-    ///
     /// # Errors
     /// [`PhysicsError`] if there are too few observations or channels.
     pub(super) fn new(observations: &[&Observation]) -> Result<Self, PhysicsError> {

@@ -104,7 +104,6 @@ pub(super) struct Cells<'a> {
 type RowInCell = ([i16; 6], u32, u32);
 
 impl<'a> Cells<'a> {
-    ///
     /// # Errors
     /// [`PhysicsError::NotFinite`], [`PhysicsError::Channels`].
     pub(super) fn new(rows: &'a TrainingRows) -> Result<Self, PhysicsError> {
@@ -241,7 +240,6 @@ impl ObservationSample {
         Self { count, tried: few(MOST_TRIED), fitted: few(MOST_FITTED) }
     }
 
-    ///
     /// # Errors
     /// [`PhysicsError::NotFinite`], [`PhysicsError::Channels`].
     pub fn from_rows(rows: &TrainingRows) -> Result<Self, PhysicsError> {

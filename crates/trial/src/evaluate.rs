@@ -65,7 +65,6 @@ pub fn evaluate(input: &TrialInput<'_>) -> Result<TrialResult, TrialError> {
     Ok(TrialResult { row, stride_rows, diagnostics, trace, phase: None })
 }
 
-///
 /// # Errors
 /// [`TrialError::ExitBeforeEntry`], [`TrialError::OutsideLog`], [`TrialError::Short`].
 pub fn check_window(trial: &Trial, times: &LogTimes) -> Result<(), TrialError> {

@@ -81,7 +81,6 @@ impl Profile {
         Self::parse(VELOCIROACH).expect("the built-in profile is tested")
     }
 
-    ///
     /// # Errors
     /// [`ManifestProblem`]: not TOML, missing or unknown keys, constants that are not positive, unsuitable units.
     pub fn parse(text: &str) -> Result<Self, ManifestProblem> {

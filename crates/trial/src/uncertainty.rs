@@ -32,7 +32,7 @@ const LEVEL: f64 = 0.95;
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct ForceUncertainty {
-    /// Of 95 % intervals, N.
+    /// Half the widths of 95 % intervals, N.
     pub half_widths: PerAxis<f64>,
     /// Error due to the calibration, N: components along common directions, each one standard deviation.
     pub shared: PerAxis<Vec<f64>>,

@@ -20,8 +20,8 @@ pub struct ReferenceLag {
 }
 
 impl ReferenceLag {
-    /// Converts a reading's time, s, to the reference's clock for the same force; lags in rows do
-    /// not.
+    /// Converts the time of readings, s, to that of the same force on the reference's clock.
+    /// Unchanged if the lag is in rows.
     pub fn moved_s(&self, time_s: f64) -> f64 {
         /// Largest time at which a double resolves a nanosecond, to which times are rounded.
         const LARGEST_S: f64 = 1e6;

@@ -33,8 +33,8 @@ const GROUPS_PER_FEATURE: usize = 8;
 /// Ratio of squared errors on held-out groups to those on its own rows that marks a poor polynomial.
 const MUCH_WORSE: f64 = 2.0;
 
-/// Folds on which the physics model is first tried with default priors, and the most its squared error may be there,
-/// in polynomial's, before its own priors are chosen.
+/// Number of folds on which the physics model is first tried with default priors, and the largest ratio of its squared
+/// error to the polynomial's there. Its own priors are chosen only below that.
 const TRIED_FIRST: usize = 5;
 const OUT_OF_REACH: f64 = 4.0;
 

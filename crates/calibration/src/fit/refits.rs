@@ -33,12 +33,13 @@ pub(super) const FOLDS: usize = 10;
 /// Most values in the R factors of groups held out alone: 200 MB, and twice that for those of all other groups.
 const MOST_NUMBERS: usize = 25_000_000;
 
-/// Most rows on which families are compared, or more for many features: one in several of a group is enough.
+/// Most rows on which families are compared, and most per feature of the largest family; the larger number counts.
+/// Rows of a group resemble each other: one in several is enough.
 pub(super) const MOST_COMPARED: usize = 16_384;
 const ROWS_PER_FEATURE: usize = 64;
 
-/// Least squared errors, relative to the variances of the loads, that normal equations, differences of large sums,
-/// give with six digits.
+/// Least squared errors, relative to the variances of the loads, that normal equations give with six digits: they
+/// are differences of sums as large as the loads.
 const LEAST_SCORE: f64 = 1e-9;
 
 /// Number of folds of the random split that held-out errors are compared with, if no number is given.

@@ -32,6 +32,7 @@ pub enum Warning {
          `--model`"
     )]
     FewRows {
+        /// Rows fitted.
         rows: u64,
         coefficients: usize,
     },
@@ -64,6 +65,7 @@ pub enum Warning {
     DeadChannels(Vec<usize>),
     #[error("{outside} of {rows} test rows have a reading outside the range of the training data")]
     OutOfRange {
+        /// Test rows outside the range.
         outside: u64,
         rows: u64,
     },

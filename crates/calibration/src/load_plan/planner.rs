@@ -242,7 +242,8 @@ pub enum PredictedError {
 }
 
 impl PredictedError {
-    /// Returns true if forces and moments are within given limits; false without readings, as nothing is in N.
+    /// Returns true if forces and moments are within the given limits. False without readings, because errors in N are
+    /// then unknown.
     pub fn is_within(&self, force_n: Option<f64>, moment_nm: Option<f64>) -> bool {
         let Self::Wrench(errors) = self else { return false };
         let within = |errors: &[f64], limit: Option<f64>| {

@@ -48,6 +48,7 @@ pub enum ReplayError {
     TooFewPoses {
         found: usize,
         held_out: usize,
+        /// Fewest poses that suffice.
         needed: usize,
     },
     #[error(transparent)]

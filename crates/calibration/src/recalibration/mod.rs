@@ -111,6 +111,7 @@ pub enum RecalibrationError {
     NoLoads,
     #[error("the calibration is for `{expected}` channels, the loads have `{found}`")]
     Channels {
+        /// Channels of the calibration.
         expected: usize,
         found: usize,
     },

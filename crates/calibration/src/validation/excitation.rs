@@ -77,6 +77,7 @@ pub enum Gap {
     )]
     OneSided {
         axis: Axis,
+        /// True if loads above zero are missing.
         positive: bool,
         share: f64,
     },
@@ -89,6 +90,7 @@ pub enum Gap {
     Together {
         first: Axis,
         second: Axis,
+        /// From −1 to 1.
         correlation: f64,
     },
 }

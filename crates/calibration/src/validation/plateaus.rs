@@ -263,7 +263,8 @@ impl<const N: usize> PlateauFinder<N> {
         level.rows >= FEWEST_ROWS && (0..N).all(|axis| level.rise(axis) <= may_rise(axis))
     }
 
-    /// Poses: steady levels that are long compared with the others, without rows in transition. Merges neighbours.
+    /// Poses: steady levels that are long compared with the others, without rows in transition.
+    /// Merges neighbours that are closer than the share `same` of the range.
     pub fn holds(&self, same: f64) -> Vec<Level<N>> {
         let ranges = self.ranges();
         let mut holds = self.merged(&ranges, same);

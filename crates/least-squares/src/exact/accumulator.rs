@@ -154,7 +154,6 @@ impl Accumulator {
         Ok(self.closed.take())
     }
 
-    ///
     /// # Errors
     /// [`ExactError`] if they cannot be exact.
     pub fn finish(mut self) -> Result<ExactSums, ExactError> {

@@ -45,7 +45,6 @@ pub struct PartitionedSums<'a> {
 }
 
 impl<'a> PartitionedSums<'a> {
-    ///
     /// # Errors
     /// [`FitError::OtherFeatures`] if features of the model were not summed; [`FitError::TooFewRows`] for zero rows.
     pub fn new(total: &'a ExactSums, model: &Model) -> Result<Self, FitError> {

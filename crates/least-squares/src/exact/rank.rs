@@ -130,7 +130,8 @@ pub(crate) struct Elimination {
 }
 
 impl Elimination {
-    /// Eliminates a symmetric matrix given by rows. Dependent columns depend on earlier ones.
+    /// Eliminates a symmetric matrix given by its rows. Columns keep their order: a column counts as
+    /// dependent if it depends on earlier ones.
     pub(crate) fn new(size: usize, mut rows: Vec<u64>) -> Self {
         let mut inverses = vec![0; size];
         let mut sums = vec![0u128; size];

@@ -43,7 +43,6 @@ impl GroupFactors {
         self.groups.len()
     }
 
-    ///
     /// # Errors
     /// [`FitError`] if there are too many groups, or a row that cannot be fitted.
     pub fn add(&mut self, block: &Block, labels: &[(String, usize)]) -> Result<(), FitError> {
@@ -77,7 +76,6 @@ impl GroupFactors {
         Ok(position)
     }
 
-    ///
     /// # Errors
     /// [`FitError`] if a row cannot be fitted.
     pub fn finish(mut self) -> Result<FactoredGroups, FitError> {

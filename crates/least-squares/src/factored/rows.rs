@@ -48,7 +48,6 @@ impl FactoredRows {
         &self.features.scaling
     }
 
-    ///
     /// # Errors
     /// [`FitError`] if a reading or a wrench is not finite, or so large that products overflow.
     pub fn absorb(&mut self, block: &Block) -> Result<(), FitError> {

@@ -44,7 +44,6 @@ const ROUNDING: f64 = 64.0 * f64::EPSILON;
 /// Smallest σ as a fraction of the RMS: if most rows are fitted without error, the others must keep some weight.
 const SMALLEST: f64 = 1e-12;
 
-///
 /// # Panics
 /// If `sizes` is empty.
 pub(crate) fn clip_of_sizes(sizes: &mut [f64]) -> f64 {

@@ -43,6 +43,7 @@ pub enum LeastSquaresError {
     #[error("`{rows}` rows cannot determine `{columns}` coefficients")]
     TooFewRows {
         rows: u64,
+        /// Columns of `X`.
         columns: usize,
     },
     #[error("only `{rank}` of `{columns}` columns are independent")]
@@ -61,6 +62,7 @@ pub enum LeastSquaresError {
     },
     #[error("no answer after `{passes}` passes over the rows")]
     NotConverged {
+        /// Passes made over the rows.
         passes: usize,
     },
     /// A value is infinite or not a number, in the input or by overflow.

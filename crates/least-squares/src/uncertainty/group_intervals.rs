@@ -7,7 +7,6 @@
 //! exchangeable (Lee, Barber & Willett, arXiv:2306.06342, hierarchical conformal prediction; Lei et
 //! al., J. Am. Stat. Assoc. 113, 2018, §2.2 and 5.2, with one row per group). Models trained
 //! without a fold instead of a single group cover nearly the same.
-//! without a fold instead of a single group, the coverage is nearly the same.
 
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -15,7 +15,7 @@ const NO_ERROR: f64 = 1e-8;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Comparison {
-    /// Of both over all rows, in N and N·m.
+    /// Root mean square errors of both over all rows, in N and N·m.
     pub rms: [PerAxis<f64>; 2],
     /// Mean logarithm of the error ratio on each axis.
     pub axes: PerAxis<FoldMean>,

@@ -236,7 +236,6 @@ pub struct BlockGroups {
 }
 
 impl GroupWorker {
-    ///
     /// # Errors
     /// [`FitError::NotExact`] if rows cannot be summed exactly with earlier ones; [`FitError::TooManyGroups`].
     pub fn add(

@@ -1,6 +1,7 @@
 //! Held-out errors from the normal equations of each fold, for rows that cannot be summed exactly.
 //!
-//! The sum of `[X | W]ᵀ[X | W]` over other folds gives the fit without a fold, for any ridge, with errors on it of
+//! The sum of `[X | W]ᵀ[X | W]` over other folds gives the fit without a fold, for any ridge. Its errors on
+//! the fold are
 //!
 //! ```text
 //! ‖X_f·C − W_f‖² = W_fᵀW_f − 2·Cᵀ·X_fᵀW_f + Cᵀ·X_fᵀX_f·C

@@ -68,7 +68,7 @@ pub struct Tried {
     pub selection: Selection,
     /// Empty for a candidate that cannot be fitted without one of the folds.
     errors: Vec<Vec<PerAxis<HeldOutErrors>>>,
-    /// Of the measured wrench, squares of N and N·m.
+    /// Variances of the measured wrench, squares of N and N·m.
     variances: PerAxis<f64>,
 }
 

@@ -91,7 +91,6 @@ impl RowSource for Dense<'_> {
     }
 }
 
-///
 /// # Errors
 /// As [`solve`]; also if a coefficient is too large for an `f64`.
 pub(crate) fn solve_dense(
