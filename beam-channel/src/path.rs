@@ -27,8 +27,9 @@ impl Path {
     ///
     /// With `a = (τ − τ_e)/2` the ellipse rises above the wall line by `h = H(sin τ − sin τ_e) =
     /// 2H·cos(τ_e + a)·sin a`. The tip has moved forward by `r = √(h(2L − h)) = z·√(2H·cos(τ_e +
-    /// a)·(2L − h))`, and the body since the first touch by `s = x(τ_e) − x(τ) + r = 2z²(W·sin(τ_e
-    /// + a) − S·cos(τ_e + a)) + r`. No step subtracts numbers of similar size.
+    /// a)·(2L − h))`, and the body since the first touch by
+    /// `s = x(τ_e) − x(τ) + r = 2z²(W·sin(τ_e + a) − S·cos(τ_e + a)) + r`. No step subtracts numbers
+    /// of similar size.
     #[inline]
     pub(crate) fn position(&self, z: f64) -> Contact {
         let Self { half_length, shear, half_width, beam, sin_e, cos_e, ref bending } = *self;

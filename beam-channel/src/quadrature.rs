@@ -52,7 +52,8 @@ pub(crate) fn integrate(f: impl Fn(f64) -> f64, from: f64, to: f64) -> f64 {
 }
 
 impl Model {
-    /// Work on all beams, J, while the body's middle moves from `from_m` to `to_m` past the first.
+    /// Returns the work on all beams, J, while the body's middle moves from `from_m` to `to_m`, m
+    /// past the first beam: the integral of the drag.
     pub fn work(&self, from_m: f64, to_m: f64) -> f64 {
         let channel = &self.setup().channel;
         let of_side = |side: &Side| {

@@ -6,7 +6,7 @@ use faer::{Accum, Mat, MatRef, Par};
 
 use super::optics::{Bend, POWERS};
 
-/// Pivot, as a fraction of its diagonal, of features that others explain or that never occur.
+/// Least pivot, as a fraction of its diagonal, of a feature that earlier features do not explain.
 const TOLERANCE: f64 = 1e-9;
 
 /// Regularisation of the bends, as a share of the powers' squares: zero for undetermined bends.

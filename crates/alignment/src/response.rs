@@ -52,8 +52,8 @@ pub(super) struct MemoryModel {
     axes: usize,
     /// The share of the response to each axis that passes through each of its plays and lags.
     shares: Vec<f64>,
-    /// A direction of the scaled wrench for each channel, row by row, along which the load reaches
-    /// 1. Empty without plays along channels and joint plays.
+    /// A direction of the scaled wrench for each channel, row by row, scaled so that
+    /// the load reaches 1. Empty without plays along channels and joint plays.
     directions: Vec<f64>,
 }
 

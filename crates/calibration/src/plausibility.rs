@@ -14,7 +14,8 @@ const LARGEST_FORCE: f64 = 1e15;
 /// load. Channels that move together give coefficients that cancel only near the training data.
 const TIMES_LOAD: f64 = 1e12;
 
-/// Largest distance of the centre from the training range, in its widths: outliers move it.
+/// Largest plausible distance of the centre from the training range, in widths of that range:
+/// dropped outliers move the centre.
 const WIDTHS: f64 = 1e3;
 
 /// Most channels for all corners; with more, only those where all channels but one agree.

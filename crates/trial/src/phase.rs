@@ -11,9 +11,9 @@ pub(crate) const PHASES: usize = 32;
 /// Mean and standard deviation between strides, in N, for each of `PHASES` equal bins of the phase.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct PhaseForce {
-    /// Over the strides, of the means in a bin.
+    /// Mean over the strides of the mean in a bin.
     pub mean_n: Vec<f64>,
-    /// 0 for a single stride.
+    /// Standard deviation between strides; 0 for a single stride.
     pub sd_n: Vec<f64>,
 }
 

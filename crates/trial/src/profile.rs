@@ -1,6 +1,7 @@
 //! Robot profiles: the scales of a robot's telemetry, and its properties.
 //!
-//! The built-in [`Profile::velociroach`] cites the source of each constant; others may state `base` and differences.
+//! The built-in [`Profile::velociroach`] cites the source of each constant. A document with
+//! `base = "velociroach"` lists only the differences from it.
 
 use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
@@ -32,7 +33,6 @@ pub struct Profile {
 #[serde(deny_unknown_fields)]
 pub struct TelemetryScales {
     pub leg_rad_per_count: f64,
-    /// °/s.
     pub gyro_deg_s_per_count: f64,
     pub acceleration_m_s2_per_count: f64,
     pub back_emf_v_per_count: f64,

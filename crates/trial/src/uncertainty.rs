@@ -14,8 +14,8 @@
 //! Without a tare, the residual variance of the calibration replaces the noise. The model error of a physics model,
 //! from held-out loads, includes the error of the coefficients.
 //!
-//! The first and the last part come from the calibration and are common to all trials: they do not average out, and
-//! cancel in a difference as far as loads agree. Means and differences are therefore computed from a vector of
+//! The first part and the last two come from the calibration and are common to all trials: they do not average out,
+//! and cancel in a difference as far as loads agree. Means and differences are therefore computed from a vector of
 //! components.
 //!
 //! The interval is Student's t with the Welch-Satterthwaite degrees of freedom, of which coefficients have few if few

@@ -344,8 +344,8 @@ impl ReadingNoise {
     }
 }
 
-/// Variance of white noise, from fourth differences over rows at equal distances; 0 without any.
-/// Logs come with times.
+/// Variance of white noise on the columns of several logs, each with its times, from fourth
+/// differences over rows at equal distances; 0 without any.
 pub(super) fn variance<'a>(
     logs: impl Iterator<Item = (&'a [f64], impl AsRef<[f64]>)>,
     period: f64,

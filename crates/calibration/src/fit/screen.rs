@@ -180,7 +180,7 @@ pub(super) fn test_words(
     said
 }
 
-/// Number of days of calendar times.
+/// Number of days on which rows were recorded, if their times are calendar times.
 fn days(data: &Dataset) -> usize {
     const DAY_S: f64 = 86_400.0;
     // Times from 2001 on; a clock that starts with a recording does not run that long.

@@ -2,7 +2,8 @@
 //! that were never applied. Each axis and sign has a range, a root mean square, a share of the
 //! rows, and a share of the sum of squares, which distinguishes a real load from noise about zero.
 //! The condition number of the correlation matrix of the wrench is 1 if the axes move
-//! independently. The shell correlates some: a side push at some height is a force and a moment.
+//! independently. Some correlation comes from the shell: a push from the side at some height is a
+//! force and a moment.
 
 use least_squares::block_ranges::range_of;
 use least_squares::reading_ranges::ReadingRange;

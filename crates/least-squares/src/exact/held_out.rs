@@ -8,9 +8,9 @@
 //! ```
 //!
 //! `A − A_g` is computed in integers, relative to the mean of all rows, so it equals the sum over the other rows
-//! exactly. The rest is in double-double. By Cauchy's inequality the terms of the last formula are at most `t = (√D_g
-//! + Σ_j |C_j|·√A_g[j][j])²`, and its rounding error is below `p·2⁻⁹⁸·t` for p features: cancellation would have to
-//! cost 20 digits before the tenth digit was wrong.
+//! exactly. The rest is in double-double. By Cauchy's inequality the terms of the last formula are at most
+//! `t = (√D_g + Σ_j |C_j|·√A_g[j][j])²`, and its rounding error is below `p·2⁻⁹⁸·t` for p features: cancellation would
+//! have to cost 20 digits before the tenth digit was wrong.
 //!
 //! For the [scatter](crate::sandwich) of coefficients over groups, `K_g` and `u_g` come from `A_g` and the scores
 //! `s_g = B_g − A_g·C`, which cancel and are in double-double; the rest is in `f64`, with a relative error of about

@@ -7,9 +7,9 @@ use shell_data::vectorised;
 /// The fraction of a count that all readings are multiples of: 2⁻ᵏ·5⁻ᵐ counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct ReadingUnit {
-    /// k.
+    /// Exponent k of two.
     pub twos: u32,
-    /// m.
+    /// Exponent m of five.
     pub fives: u32,
 }
 

@@ -85,9 +85,9 @@ pub trait RowSource {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shape {
-    /// p.
+    /// p, number of columns of `X`.
     pub features: usize,
-    /// q.
+    /// q, number of columns of `Y`.
     pub outputs: usize,
 }
 

@@ -194,8 +194,8 @@ impl GroupIntervals {
 
     /// Computes the intervals from the errors on blocks of time of held-out files, in standard
     /// errors. The share ρ of their squared errors that differs from file to file is known from as
-    /// many observations as there are files. With F files, squared sizes are therefore larger by `1
-    /// + ρ·((t/z)² − 1)`, with the quantiles t of Student's distribution with F − 1 degrees of
+    /// many observations as there are files. With F files, squared sizes are therefore larger by
+    /// `1 + ρ·((t/z)² − 1)`, with the quantiles t of Student's distribution with F − 1 degrees of
     /// freedom and z of the normal distribution.
     pub fn from_files(scores: &[Vec<GroupScore>]) -> Self {
         let mut intervals = Self::from_groups(&scores.concat());

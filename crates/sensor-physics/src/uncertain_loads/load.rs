@@ -11,7 +11,6 @@ pub(super) const SHARED: usize = 3;
 pub enum StatedLoad {
     Wrench(PerAxis<f64>),
     Force {
-        /// N.
         force_n: f64,
         direction: [f64; 3],
         /// From the sensor's origin, m.

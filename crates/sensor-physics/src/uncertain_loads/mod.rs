@@ -61,7 +61,7 @@ pub struct CorrectedLoad {
 pub struct CorrectedLoads {
     /// In the order of the observations.
     pub loads: Vec<CorrectedLoad>,
-    /// m.
+    /// Lever offset of each mounting, m.
     pub mountings: Vec<[f64; 3]>,
     /// Scatter of sizes, directions and levers, in stated errors: 1 if the stated errors are right.
     pub scatter: [f64; 3],

@@ -26,7 +26,6 @@ const LEAST_SIGNIFICANCE: f64 = 4.0;
 pub struct Proposal {
     /// Onset of sustained drag, s on the log's clock.
     pub t_enter_s: f64,
-    /// s.
     pub t_exit_s: f64,
     pub t_enter_se_s: f64,
     pub t_exit_se_s: f64,
