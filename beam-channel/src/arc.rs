@@ -1,15 +1,14 @@
 //! A smooth part of a tip's path on which the body moves forward, and the root of `s(z) = s` on it.
 //!
 //! As a function of the travel `s`, `z` has two branch points: at a release, where `ds/dz` is zero,
-//! and a little before the first touch, at `s = −α²/4β`, the zero of the derivative of `s ≈ α·z +
-//! β·z²`. In
+//! and just before the first touch, at `s = −α²/4β`, the zero of the slope of `s ≈ α·z + β·z²`. In
 //!
 //! ```text
 //! w = √(s + α²/4β) / (√(s + α²/4β) + √(s_end − s))
 //! ```
 //!
-//! `z` is smooth at both. A polynomial of low degree gives `z` to three digits, and Newton's method
-//! from there to rounding error in three steps.
+//! `z` is smooth at both. A polynomial of low degree gives `z` to three digits, three Newton steps
+//! to rounding error.
 
 use core::array::from_fn;
 use core::f64::consts::PI;
@@ -37,9 +36,8 @@ const NODES: usize = 8;
 /// Newton steps that nearly always suffice.
 const PLAIN_STEPS: usize = 3;
 
-/// Size of a Newton step, relative to `z`, that reaches the root to rounding. The remaining error
-/// is the square of the step over the distance to the zero of the slope; if that distance is no
-/// greater than the step, rounding dominates.
+/// Newton step, relative to `z`, that reaches the root to rounding: the remaining error is its
+/// square over the distance to the zero of the slope, unless rounding dominates.
 const CLOSE: f64 = 1e-8;
 
 const STEPS: usize = 200;
@@ -138,8 +136,8 @@ impl Arc {
         })
     }
 
-    /// Computes [`Self::locate`] without the polynomial: by Newton's method while its steps stay
-    /// within the arc and shrink, otherwise by bisection.
+    /// Computes [`Self::locate`] without the polynomial, by Newton's method while steps stay inside
+    /// and shrink, otherwise by bisection.
     #[cold]
     fn search(&self, path: &Path, travel: f64) -> Contact {
         let [mut low, mut high] = self.z;

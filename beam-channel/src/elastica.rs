@@ -11,12 +11,12 @@
 //! y = C·cos χ₀ + S·sin χ₀,     C = 2·(E(k) − E(u₀, k))/λ − 1,
 //! ```
 //!
-//! in beam lengths, with `y` along the straight beam. If the body has pushed the tip aside to `y`,
-//! `χ_L` remains: one root per position of the tip.
+//! in beam lengths, with `y` along the straight beam. A body that has pushed the tip aside to `y`
+//! leaves `χ_L`: one root per position.
 //!
-//! A plate that bends far touches with its face, where it is tangent to the body, at a length `σ <
-//! L` along it, and is straight beyond. Its turn is then known, `x` and `y` follow in units of `σ`,
-//! and `σ` from `y`: no root is searched for.
+//! A plate that bends far touches with its face, tangent to the body, at a length `σ < L` along it,
+//! and is straight beyond. Its turn is then known, `x` and `y` follow in units of `σ`, and `σ` from
+//! `y`: no root is searched for.
 //!
 //! A table holds reach and force as functions of `z`, smooth between changes of tip and face.
 
@@ -175,8 +175,7 @@ struct Tip {
     root_of_force: f64,
 }
 
-/// Returns the tip of a beam turned by `χ_L − χ₀`, twice `half_turn`; the force is at `χ₀` to the
-/// clamp.
+/// Returns the tip of a beam turned by `χ_L − χ₀`, twice `half_turn`; force at `χ₀` to the clamp.
 fn tip(clamp: f64, half_turn: f64) -> Tip {
     let (low, low_cos) = (sin(0.5 * clamp), cos(0.5 * clamp));
     // k² − sin²(χ₀/2), without cancellation.

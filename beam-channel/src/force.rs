@@ -17,10 +17,9 @@ pub struct BeamForce {
     pub deflection_rad: f64,
 }
 
-/// The paper's force of a beam, `(k_t/L)·Δθ·(n̂ + μ_k·t̂)`.
-///
-/// Bar and spring balance if the component across the bar, along `ê = (upright, reach)/L`, is
-/// `(k_t/L)·Δθ`. If that is requested, the force is divided by `(n̂ + μ_k·t̂)·ê`.
+/// The paper's force of a beam, `(k_t/L)·Δθ·(n̂ + μ_k·t̂)`. Bar and spring balance if the component
+/// across the bar, along `ê = (upright, reach)/L`, is `(k_t/L)·Δθ`: if requested, the force is
+/// divided by `(n̂ + μ_k·t̂)·ê`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Law {
     stiffness: f64,
@@ -54,7 +53,6 @@ impl Law {
         BeamForce { fx_n, fy_n: sign * fy_n, mz_nm: sign * mz_nm, deflection_rad }
     }
 
-    /// Returns the drag, N.
     pub(crate) fn drag(&self, path: &Path, contact: &Contact) -> f64 {
         self.push(path, contact) * (contact.out + self.friction * contact.back)
     }
@@ -70,9 +68,8 @@ impl Law {
             }
     }
 
-    /// Returns a value with the sign and size of `d drag/d travel`, N/m, on the arc of `contact`,
-    /// from `drag = (k_t/L)·Δθ·n/N`, `n = out + μ·back`, `dΔθ/dτ = ±out/r` and `ds/dτ =
-    /// steepness/r`.
+    /// Returns a value with the sign and size of `d drag/d travel`, N/m, on the arc of `contact`:
+    /// `drag = (k_t/L)·Δθ·n/N`, `n = out + μ·back`, `dΔθ/dτ = ±out/r`, `ds/dτ = steepness/r`.
     pub(crate) fn drag_slope(&self, path: &Path, contact: &Contact) -> f64 {
         let Contact { rise, reach_m: reach, sin, cos, back, out, steepness, .. } = *contact;
         let push = out + self.friction * back;

@@ -23,18 +23,16 @@
 //!
 //! # Solution
 //!
-//! Let `φ` be the position of a beam's tip on the ellipse, and `φ_e` the position of the first
-//! touch. With `sin((φ − φ_e)/2) = z²` all functions are algebraic in `z`, free of cancellation,
-//! and smooth at the first touch, unlike in `φ`. The body's travel since it touched the beam,
-//! `s(z)`, rises with `z` until the beam slips off. A contact is therefore one root of `s(z) = s`,
-//! found by a bracketed Newton iteration ([`Side`]). The beams in contact are a known range of
-//! indices. Integrals over the body's path are integrals over `z` ([`Model::energy`]).
+//! Let `φ` be the position of a beam's tip on the ellipse, and `φ_e` that of the first touch. With
+//! `sin((φ − φ_e)/2) = z²` all functions are algebraic in `z`, free of cancellation, and smooth at
+//! the first touch, unlike in `φ`. The body's travel since it touched the beam, `s(z)`, rises with
+//! `z` until the beam slips off: a contact is one root of `s(z) = s`, by a bracketed Newton
+//! iteration ([`Side`]). Integrals over the body's path are integrals over `z` ([`Model::energy`]).
 //!
 //! The crate allocates no memory and needs no standard library. With the functions of `libm`,
 //! results have the same bits on every machine.
 #![no_std]
 #![forbid(unsafe_code)]
-#![warn(missing_docs)]
 
 mod arc;
 mod bending;

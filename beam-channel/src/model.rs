@@ -1,5 +1,3 @@
-//! The channel as a whole.
-
 use core::ops::Range;
 
 use crate::force::{BeamForce, Law};
@@ -31,8 +29,6 @@ pub struct Total {
 }
 
 impl Model {
-    /// Creates the model.
-    ///
     /// # Errors
     /// [`SetupError`] if a quantity is out of range, or the body jams.
     pub fn new(setup: &Setup) -> Result<Self, SetupError> {
@@ -64,7 +60,6 @@ impl Model {
         Ok(())
     }
 
-    /// Returns the set-up.
     pub fn setup(&self) -> &Setup {
         &self.setup
     }

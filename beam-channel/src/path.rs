@@ -26,9 +26,10 @@ impl Path {
     /// Returns the tip's position at `z = √sin((τ − τ_e)/2)`, from 0 to [`last`](Self::last).
     ///
     /// With `a = (τ − τ_e)/2` the ellipse rises above the wall line by `h = H(sin τ − sin τ_e) =
-    /// 2H·cos(τ_e + a)·sin a`. So the tip has moved forward by `r = √(h(2L − h)) = z·√(2H·cos(τ_e +
-    /// a)·(2L − h))`, and the body since the first touch by `s = x(τ_e) − x(τ) + r = 2z²(W·sin(τ_e
-    /// + a) − S·cos(τ_e + a)) + r`. No step subtracts numbers of similar size.
+    /// 2H·cos(τ_e + a)·sin a`. The tip has moved forward by `r = √(h(2L − h)) = z·√(2H·cos(τ_e +
+    /// a)·(2L − h))`, and the body since the first touch by
+    /// `s = x(τ_e) − x(τ) + r = 2z²(W·sin(τ_e + a) − S·cos(τ_e + a)) + r`. No step subtracts numbers
+    /// of similar size.
     #[inline]
     pub(crate) fn position(&self, z: f64) -> Contact {
         let Self { half_length, shear, half_width, beam, sin_e, cos_e, ref bending } = *self;
@@ -85,8 +86,8 @@ impl Path {
         sqrt(self.cos_e / sqrt(2.0 * (1.0 + self.sin_e)))
     }
 
-    /// Returns `z` on the way in and out where the ellipse has risen by `rise` above the wall line,
-    /// at most [`depth`](Self::depth).
+    /// Returns `z` on the way in and out where the ellipse is `rise`, at most
+    /// [`depth`](Self::depth), above the wall line.
     pub(crate) fn at_rise(&self, rise: f64) -> [f64; 2] {
         let sin = self.sin_e + rise / self.half_width;
         let cos = sqrt(((1.0 - sin) * (1.0 + sin)).max(0.0));
@@ -108,11 +109,11 @@ impl Path {
     /// Returns `z` on the way in where the body's progress per turn of the beam is slowest.
     ///
     /// There `ds/dτ` has the sign of `E = W·tan τ + H·cot θ − S`, with the angle `θ` of the beam,
-    /// `cos θ = (L − h)/L`. `E` falls from `∞` at the first touch to a single minimum and rises
-    /// again to `∞` at the widest position: its derivative has the sign of `κ²·sin² θ − cos² τ`,
-    /// `κ³ = W·L/H²`, which is quadratic in `h`, negative at the first touch and positive at the
-    /// widest position. So the travel falls with `z` on at most one interval on the way in. On the
-    /// way out `E` rises throughout, and the travel has one maximum.
+    /// `cos θ = (L − h)/L`. `E` falls from `∞` at the first touch to a single minimum and rises to
+    /// `∞` at the widest position: its derivative has the sign of `κ²·sin² θ − cos² τ`, `κ³ =
+    /// W·L/H²`, quadratic in `h`, negative at the first touch and positive at the widest position.
+    /// So the travel falls with `z` on at most one interval on the way in. On the way out `E` rises
+    /// throughout, and the travel has one maximum.
     fn slowest(&self) -> f64 {
         let Self { half_length, half_width, beam, sin_e, cos_e, .. } = *self;
         let kappa = cbrt(half_length * beam / (half_width * half_width));

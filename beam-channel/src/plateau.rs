@@ -1,39 +1,33 @@
 //! The positions at which the body is completely among the beams.
 //!
-//! There the drag is periodic with the spacing of the beams. Its mean is the work on one beam over
-//! the spacing, and its extremes occur within one spacing. The drag is smooth except for corners,
-//! where a beam is first touched or is at 90°, and jumps, where one slips off or snaps. These
-//! positions are known; between two of them the extremes are roots of the derivative.
+//! There the drag is periodic with the spacing of the beams, and its mean is the work on one beam
+//! over the spacing. It is smooth except for corners, where a beam is first touched or is at 90°,
+//! and jumps, where one slips off or snaps. Between these known positions the extremes are roots of
+//! the derivative.
 
 use crate::bisection::turn;
 use crate::force::Law;
 use crate::path::{Contact, Path};
 use crate::{Model, Side, Wall};
 
-/// The drag of a body that is completely among the beams.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BeamPlateau {
-    /// Position of the body's middle at the release of the first beam and at the first touch of the
-    /// last, m. The drag takes all its values only if they are at least one spacing apart.
+    /// Position of the body's middle at the first beam's release and at the last one's first touch,
+    /// m. The drag takes all its values only if they are at least one spacing apart.
     pub extent_m: [f64; 2],
-    /// Mean drag, N.
     pub mean_drag_n: f64,
-    /// Maximum of the drag.
     pub peak: Extreme,
-    /// Minimum of the drag.
     pub minimum: Extreme,
-    /// Mean number of beams in contact, left and right.
+    /// Left and right.
     pub mean_contacts: [f64; 2],
-    /// Minimum number of beams in contact, left and right.
+    /// Left and right.
     pub min_contacts: [u32; 2],
-    /// Maximum number of beams in contact, left and right.
+    /// Left and right.
     pub max_contacts: [u32; 2],
 }
 
-/// An extreme value of the drag.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Extreme {
-    /// Drag, N.
     pub drag_n: f64,
     /// First position on the plateau, m; repeats at every spacing.
     pub x_m: f64,
@@ -115,8 +109,7 @@ impl Smooth<'_> {
         0.5 * (self.from + self.to)
     }
 
-    /// Sums `of` over the beams in contact in the middle of an endless channel, on their arcs
-    /// there.
+    /// Sums `of` over the beams in contact, on their arcs, in the middle of an endless channel.
     fn sum(&self, x: f64, of: impl Fn(&Law, &Path, &Contact) -> f64) -> f64 {
         let (law, pitch) = (&self.model.law, self.model.setup().channel.pitch_m);
         let of_side = |side: &Side| {
@@ -161,8 +154,8 @@ impl Smooth<'_> {
             plateau.offer(Extreme { drag_n: self.drag(x), x_m: x, is_limit: true });
         }
         let at = |i: u32| {
-            // Denser towards the ends, near which a jump of the slope may have an extreme; but not
-            // at the ends, where a beam that slips off has no slope.
+            // Denser towards the ends, where a jump of the slope may have an extreme; not at the
+            // ends, where a released beam has no slope.
             let share = f64::from(i) / f64::from(SAMPLES);
             let share = (share * share * (3.0 - 2.0 * share)).clamp(1e-9, 1.0 - 1e-9);
             self.from + share * (self.to - self.from)

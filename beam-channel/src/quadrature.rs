@@ -52,8 +52,8 @@ pub(crate) fn integrate(f: impl Fn(f64) -> f64, from: f64, to: f64) -> f64 {
 }
 
 impl Model {
-    /// Returns the work of the body on all beams, J, while its middle moves from `from_m` to
-    /// `to_m`, m past the first beam: the integral of the drag.
+    /// Returns the work on all beams, J, while the body's middle moves from `from_m` to `to_m`, m
+    /// past the first beam: the integral of the drag.
     pub fn work(&self, from_m: f64, to_m: f64) -> f64 {
         let channel = &self.setup().channel;
         let of_side = |side: &Side| {
@@ -110,8 +110,7 @@ mod tests {
 
     #[test]
     fn the_rule_is_exact_for_polynomials_up_to_degree_39() {
-        // ∫ (1 + x)ⁿ dx over [−1, 1] = 2ⁿ⁺¹/(n + 1), with all powers of x: 21 rounded terms, one
-        // sign.
+        // ∫ (1 + x)ⁿ dx over [−1, 1] = 2ⁿ⁺¹/(n + 1), with all powers of x: 21 rounded terms.
         let rule = |n: i32| {
             let term = |x: f64| libm::pow(1.0 + x, f64::from(n));
             NODES.iter().map(|&(x, weight)| weight * (term(x) + term(-x))).sum::<f64>()

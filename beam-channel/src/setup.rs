@@ -1,4 +1,4 @@
-//! Inputs of the model: body, beams and channel; and the inputs that it rejects.
+//! Inputs of the model, and those that it rejects.
 
 use core::fmt;
 
@@ -12,54 +12,48 @@ pub(crate) const LEAST_FRICTION: f64 = 1e-3;
 /// channel of 1 cm deflection (Table II).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Setup {
-    /// The body.
     pub ellipse: Ellipse,
-    /// One beam.
     pub beam: Beam,
-    /// Arrangement of the beams.
     pub channel: Channel,
-    /// Position of the body in the channel.
     pub pose: Pose,
-    /// Choices for details that the equations leave open.
     pub rules: Rules,
 }
 
 /// The body seen from above.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ellipse {
-    /// Semi-axis along the body, `R_x`, in m.
+    /// `R_x`, in m.
     pub semi_length_m: f64,
-    /// Semi-axis across the body, `R_y`, in m.
+    /// `R_y`, in m.
     pub semi_width_m: f64,
 }
 
 /// A beam: a rigid bar on a torsional spring at its base.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Beam {
-    /// Length from base to tip, `L`, in m.
+    /// `L`, from base to tip, in m.
     pub length_m: f64,
-    /// Height of the cross-section, `w`, in m.
+    /// `w`, height of the cross-section, in m.
     pub width_m: f64,
-    /// Thickness in the direction of bending, `t`, in m.
+    /// `t`, in the direction of bending, in m.
     pub thickness_m: f64,
-    /// Flexural modulus, `E`, in Pa.
+    /// `E`, in Pa.
     pub flexural_modulus_pa: f64,
-    /// Kinetic friction of the beam on the shell, `μ_k`.
+    /// `μ_k`, kinetic, on the shell.
     pub friction: f64,
 }
 
 /// Two rows of beams, opposite each other.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Channel {
-    /// Distance between the tips of opposite beams, `b`, in m.
+    /// `b`, between the tips of opposite beams, in m.
     pub width_m: f64,
-    /// Number of beams in a row, `n`.
+    /// `n`, in a row.
     pub beams: u32,
-    /// Distance between neighbouring beams of a row, in m.
+    /// Between neighbouring beams of a row, in m.
     pub pitch_m: f64,
 }
 
-/// One of the two walls.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wall {
     /// The wall at positive y: the paper's top beams.
@@ -69,7 +63,6 @@ pub enum Wall {
 }
 
 impl Wall {
-    /// Both walls, left first.
     pub const BOTH: [Self; 2] = [Self::Left, Self::Right];
 
     pub(crate) fn sign(self) -> f64 {
@@ -83,7 +76,7 @@ impl fmt::Display for Wall {
     }
 }
 
-/// Position and direction of the body in the channel; the paper's body runs along the middle.
+/// Position and direction of the body; the paper's runs along the middle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Pose {
     /// Offset of the body's middle to the left of the channel's, in m.
@@ -95,9 +88,7 @@ pub struct Pose {
 /// Interpretations of the paper's equations.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Rules {
-    /// Definition of a beam's deflection.
     pub angle: Angle,
-    /// Scaling of normal and tangent.
     pub normal: Normal,
 }
 
@@ -117,15 +108,14 @@ pub enum Normal {
     /// Unit length.
     #[default]
     Unit,
-    /// The denominator printed in the paper, with swapped semi-axes: the length ranges from
-    /// `R_y/R_x` at the nose to `R_x/R_y` at the flank.
+    /// The denominator printed in the paper, with swapped semi-axes: from `R_y/R_x` at the nose to
+    /// `R_x/R_y` at the flank.
     AsPrinted,
     /// The balance of moments about the beam's base, between force and spring; the paper's force
     /// balances only if it is perpendicular to the beam. Belongs to [`Angle::True`]. Without
     /// friction, the force is unbounded at the release.
     MomentBalance,
-    /// The force that bends an inextensible beam, clamped at its base, to its tip's position:
-    /// Euler's elastica. Touches by its tip only.
+    /// Force that bends a clamped beam to its tip's position: Euler's elastica. Tip contact only.
     Elastica,
     /// [`Elastica`](Self::Elastica) for a plate, which also touches with its face.
     Plate,
@@ -165,8 +155,8 @@ impl Beam {
 }
 
 impl Setup {
-    /// Returns the largest deflection of the tips by a body in the middle of the channel, `d = R_y
-    /// − b/2`, m. Without a touch, it is not positive.
+    /// Largest deflection of the tips by a centred body, `d = R_y − b/2`, m; positive if it
+    /// touches.
     pub fn deflection_m(&self) -> f64 {
         self.ellipse.semi_width_m - 0.5 * self.channel.width_m
     }
@@ -205,20 +195,17 @@ impl Setup {
 /// A set-up that has no solution in this model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
-#[expect(missing_docs, reason = "a variant says what its fields are")]
 pub enum SetupError {
     /// The named quantity is NaN, or outside its range from `least` to `greatest`, SI.
     OutOfRange { quantity: &'static str, value: f64, least: f64, greatest: f64 },
-    /// The body reaches so far beyond the line of a wall's tips, m, that the beams cannot turn out
-    /// of its way: the depth must be less than twice their length.
+    /// The body reaches so far beyond a wall's tips, m, that the beams cannot turn away: the depth
+    /// must be less than twice their length.
     Jams { wall: Wall, depth_m: f64, beam_length_m: f64 },
     /// Friction holds a tip of a wall if bar and spring, or a clamped beam, balance.
     Locks { wall: Wall, friction: f64 },
-    /// The body, this far past the tips, m, presses a wall's plates against the line of their
-    /// bases.
+    /// The body, this far past the tips, m, presses a wall's plates against the line of bases.
     Flattens { wall: Wall, depth_m: f64, beam_length_m: f64 },
-    /// The body's middle, this far to the left of the channel's, m, is beyond the line of a wall's
-    /// tips, half the channel's width away.
+    /// The body's middle, this far to the left, m, is beyond the line of a wall's tips.
     BeyondTips { wall: Wall, offset_m: f64, half_width_m: f64 },
 }
 

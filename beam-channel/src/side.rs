@@ -11,13 +11,12 @@ use crate::elastica::Failure;
 use crate::path::{Contact, Path};
 use crate::{Normal, Setup, SetupError, Wall};
 
-/// The contacts of one wall's beams with the body: first touch, position, and release.
+/// First touch, position, and release of one wall's beams on the body.
 ///
-/// A beam touches from the moment the body reaches its tip until the ellipse, seen from the beam's
-/// base, falls away, at the maximum of the body's travel `s(z)`. On the way in, `s` may fall on one
+/// A beam touches from the moment the body reaches its tip until the ellipse, seen from its base,
+/// falls away, at the maximum of the body's travel `s(z)`. On the way in, `s` may fall on one
 /// interval of `z` if the body reaches farther beyond the tips than a beam's length (`d > L`) or is
-/// yawed. A tip cannot stay there and snaps across ([`snaps`](Self#structfield.snaps)). Elsewhere
-/// `s` rises.
+/// yawed. A tip cannot stay there and snaps across ([`snaps`](Self#structfield.snaps)).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Side {
     pub(crate) path: Path,
@@ -115,7 +114,7 @@ impl Side {
         }
     }
 
-    /// Adds a part of the path, cut where the beam is at 90°, a kink of the folded angle, or where
+    /// Adds a part of the path, cut where the beam is at 90°, a kink of the folded angle, or
     /// contact changes between tip and face.
     fn add_smooth(&mut self, from: f64, to: f64) {
         let path = self.path;
@@ -160,14 +159,13 @@ impl Side {
         self.engagement_m - self.travel_m()
     }
 
-    /// Returns true if beams turn past 90°: the body is then nearer to the wall than their bases,
-    /// and a real beam bends differently.
+    /// Returns true if beams turn past 90°, where the body is nearer to the wall than their bases
+    /// and real beams bend differently.
     pub fn turns_past_a_right_angle(&self) -> bool {
         self.path.depth() > self.path.beam
     }
 
-    /// Returns true if the face of a clamped beam comes to lie against the body while only tips are
-    /// modelled: the force on the face is missing.
+    /// Returns true if a clamped beam's face meets the body, whose force on faces is not modelled.
     pub fn beams_lie_against_body(&self) -> bool {
         self.path.bending.is_some_and(|bending| bending.lies_against_body)
     }
@@ -182,8 +180,7 @@ impl Side {
         self.first_touch_rad + contact.turn()
     }
 
-    /// Returns the contact with a beam touched `travel_m` ago; `None` before touch or after
-    /// release.
+    /// Returns the contact with a beam touched `travel_m` ago; `None` outside touch and release.
     pub fn contact_after(&self, travel_m: f64) -> Option<Contact> {
         let touches = travel_m >= 0.0 && travel_m <= self.travel_m();
         touches.then(|| self.arc_at(travel_m).locate(&self.path, travel_m))

@@ -9,9 +9,8 @@ use rand_chacha::rand_core::{Rng, SeedableRng};
 
 const GEOMETRIES: u64 = 100_000;
 
-/// Tolerance of `φ`, rad. Both ends and the travel are exact to rounding. Near a release `φ`
-/// depends on the travel by a square root, so 1e-16 of a length moves it by this within 1e-8 of the
-/// path; no position is that close.
+/// Tolerance of `φ`, rad. Near a release `φ` depends on the travel, exact to rounding, by a square
+/// root: 1e-16 of a length moves it by this within 1e-8 of the path; no position is that close.
 const TOLERANCE: f64 = 1e-12;
 
 /// Each has its own random numbers, so that geometries do not depend on the machine.

@@ -1,28 +1,24 @@
-//! Selection of the kinds of memory of a sensor, and the dependence of the offset on it.
+//! Selection of the kinds of memory, and the dependence of the offset on it.
 //!
-//! All sums of families of features ([`Family`]) are compared on one Gram matrix, at the solution
-//! of the largest model. With n rows, C channels, p features used and Σ̂ the residual covariance,
-//! the model with the lowest `BIC = n log det Σ̂ + p C log n` (Schwarz, Ann. Statist. 6, 461, 1978)
-//! is chosen.
+//! All sums of families of features ([`Family`]) are compared on one Gram matrix, at the solution of the largest
+//! model. With n rows, C channels, p features used and the residual covariance Σ̂, the lowest `BIC = n log det Σ̂ + p
+//! C log n` (Schwarz, Ann. Statist. 6, 461, 1978) is chosen.
 //!
-//! Other models are equally plausible if their residuals are not much larger. Each gives another
-//! offset, one Gauss-Newton step away. Noise alone makes nested models differ by
-//! `Var(ô₁ − ô₂) = |Var ô₁ − Var ô₂|` (Hausman, Econometrica 46, 1251, 1978). Any further scatter
-//! of the offsets about the chosen one is an error that no residual shows.
+//! Other models are equally plausible if their residuals are not much larger. Each gives another offset, one
+//! Gauss-Newton step away. Noise alone makes nested models differ by `Var(ô₁ − ô₂) = |Var ô₁ − Var ô₂|` (Hausman,
+//! Econometrica 46, 1251, 1978). Further scatter of the offsets is an error that no residual shows.
 //!
-//! Friction that depends on the speed ([`Family::QuickLags`]) delays all readings by about the same
-//! time, nearly indistinguishable from an offset. It is never chosen. If the criterion prefers it,
-//! the change of the offset with it, times [`SPEED`], is added as an uncertainty.
+//! Friction that depends on the speed ([`Family::QuickLags`]) delays all readings by about the same time, nearly like
+//! an offset. It is never chosen: the change of the offset with it, times [`SPEED`], is an uncertainty if the
+//! criterion prefers it.
 
 use super::normal::{GramSums, Projected, inverse};
 use super::response::Family;
 
-/// Models whose residuals are larger by at most this factor, in the geometric mean of the channels,
-/// remain plausible.
+/// Largest factor, in the geometric mean of the channels, by which residuals of a plausible model are larger.
 const PLAUSIBLE: f64 = 1.3;
 
-/// The error due to speed-dependent friction, relative to the shift of the offset by quick lags.
-/// The value was determined with simulated sensors with bristles (`docs/alignment.md`).
+/// Error due to speed-dependent friction, relative to the shift by quick lags, by simulation (`docs/alignment.md`).
 const SPEED: f64 = 3.0;
 
 /// Differences within this number of standard deviations of the noise are put down to it.
@@ -113,8 +109,7 @@ mod tests {
 
     const FAMILIES: [Option<Family>; 3] = [None, Some(Family::AxisPlays), Some(Family::Lags)];
 
-    /// One channel that follows the feature 0 with a delay, which is a share of the memory 1; the
-    /// memory 2 is unused. The slope equals that of the feature 0.
+    /// One channel that follows feature 0, also the slope, late by a share of memory 1; memory 2 is unused.
     fn gram(share: f64, noise: f64) -> GramSums {
         let mut gram = GramSums::new(3, 1);
         let mut random = Random(3);
@@ -140,8 +135,7 @@ mod tests {
 
     #[test]
     fn models_with_other_offsets_widen_the_error_unless_their_residuals_are_worse() {
-        // Without the play, its delay is attributed to the offset: 0.3 of a play that is 0.3 late
-        // is about 0.09.
+        // Without the play, its delay goes to the offset: 0.3 of a play that is 0.3 late is about 0.09.
         let seen = gram(0.3, 0.02);
         let candidates = Candidates::new(&seen, &FAMILIES, 1);
         let keep = candidates.best().unwrap().clone();

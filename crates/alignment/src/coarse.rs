@@ -1,18 +1,18 @@
 //! Coarse match of two recordings: all offsets at once, for any map from wrench to readings.
 //!
 //! Both sides are averaged into bins, differenced (which removes drift and poses) and whitened, so
-//! that the six columns x of the wrench and the columns y of the readings each have unit
-//! covariance. At an offset of l bins, a linear map of the wrench then explains this share of the
-//! readings' changes, with E the energies in the overlap:
+//! that the columns x of the wrench and y of the readings have unit covariance. At an offset of l
+//! bins, a linear map of the wrench explains this share of the readings' changes, with the energies
+//! E in the overlap:
 //!
 //! ```text
 //! R²(l) = Σ_ij c_ij(l)² / (E_x(l)/d_x · E_y(l))      c_ij(l) = Σ_k x_i[k + l] y_j[k]
 //! ```
 //!
-//! It is the mean square of the canonical correlations, except that the whitening uses the whole
+//! It is the mean square of the canonical correlations, but with whitening over the whole
 //! recordings. The *score* weights R² with the share of the readings' energy in the overlap, so
 //! that a short overlap cannot win by chance. A match is accepted if its R² is large. Other peaks
-//! with a score close to the best are *rivals*, which the refinement has to rule out.
+//! with nearly the best score are *rivals*, which the refinement has to rule out.
 
 use faer::{Mat, Side as Triangle};
 use rustfft::algorithm::Radix4;
@@ -84,8 +84,7 @@ fn argmax(values: &[f64], range: std::ops::Range<usize>) -> Option<usize> {
     range.max_by(|&a, &b| values[a].total_cmp(&values[b]))
 }
 
-/// The peaks other than `best`, the highest first, down to `high`; at most one more than the
-/// maximum number of rivals.
+/// Peaks other than `best`, highest first, down to `high`; at most one more than allowed rivals.
 fn peaks(scores: &[f64], best: usize, high: f64) -> Vec<usize> {
     let mut left = scores.to_vec();
     let mut peaks = Vec::new();
@@ -196,7 +195,7 @@ fn whiten(columns: &mut Vec<Vec<f64>>, present: &[f64]) {
 }
 
 /// Explained share at each offset, from −(y.bins − 1) on, and energy of the readings in the
-/// overlap; zero if fewer than `fewest_bins` bins or hardly any energy overlap.
+/// overlap; zero for fewer than `fewest_bins` bins or hardly any energy.
 fn explained(x: &Changes, y: &Changes, fewest_bins: f64) -> (Vec<f64>, Vec<f64>) {
     let fft = Fft::new(x.bins + y.bins - 1, y.bins);
     let xs: Vec<_> = x.columns.iter().map(|column| fft.forward(column)).collect();

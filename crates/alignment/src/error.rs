@@ -11,8 +11,7 @@ pub(crate) const LEAST_EXPLAINED: f64 = 0.25;
 /// The highest score of another peak, relative to the best, that is not a rival.
 pub(crate) const HIGHEST_RATIO: f64 = 0.7;
 
-/// The largest plausible skew, ppm: ten times the tolerance of crystals, and enough for most
-/// ceramic resonators.
+/// Largest plausible skew, ppm: ten times that of crystals, and enough for most resonators.
 pub(crate) const LARGEST_SKEW_PPM: f64 = 1000.0;
 
 pub(crate) const MOST_EDGES: usize = 4096;
@@ -46,8 +45,7 @@ pub enum AlignError {
         100.0 * .0, 100.0 * LEAST_EXPLAINED
     )]
     NoMatch(f64),
-    /// Two offsets (reference minus board); `ratio` is the score of the second relative to the
-    /// best.
+    /// Two offsets (reference minus board), and the score `ratio` of the second to the best.
     #[error(
         "ambiguous match: offset {second_s:.3} s is {:.0} % as good as the best, {best_s:.3} s (at most \
          {:.0} % allowed)",

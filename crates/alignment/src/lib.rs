@@ -4,15 +4,14 @@
 //! t_reference = t_board + offset + skew · (t_board − pivot)
 //! ```
 //!
-//! Both recordings contain the same loads, but the map from wrench to readings is still unknown:
-//! the aligned data serve to calibrate it. `coarse` finds the offset among all possible ones by
-//! correlation, and fails if it is ambiguous. `refine` then estimates offset, skew and the map
-//! together, including the memory of the springs, close to the Cramér-Rao bound.
-//! [`Aligned::resample`] evaluates the low-passed reference at the board's own times. If both sides
-//! recorded the edges of one signal, these determine the clocks ([`Edges`]).
+//! Both recordings contain the same loads, but the map from wrench to readings is still unknown. `coarse` finds the
+//! offset among all possible ones by correlation, and fails if it is ambiguous. `refine` then estimates offset, skew
+//! and the map together, including the memory of the springs, close to the Cramér-Rao bound. [`Aligned::resample`]
+//! evaluates the low-passed reference at the board's own times. Edges of one signal that both sides recorded
+//! determine the clocks ([`Edges`]).
 //!
-//! The derivations are in `docs/alignment.md`. Not supported: clocks whose skew changes during a
-//! recording by more than the uncertainty, and loads faster than the board samples.
+//! The derivations are in `docs/alignment.md`. Not supported: a skew that changes during a recording by more than the
+//! uncertainty, and loads faster than the board samples.
 
 mod choice;
 mod coarse;
@@ -42,8 +41,7 @@ use trajectory::Trajectory;
 
 /// Upper limit of the matched band: loads by hand and taps are slower, and a low rate saves rows.
 const HIGHEST_MATCHED_RATE_HZ: f64 = 250.0;
-/// Length of the block of time for the first search: enough for many contacts, and short enough
-/// that 200 ppm of skew blur it by less than a tap.
+/// Block of time for the first search: enough contacts, and 200 ppm of skew blur it by less than a tap.
 const PROBE_S: f64 = 120.0;
 /// The maximum number of blocks of time tried.
 const PROBES: usize = 8;
@@ -55,9 +53,9 @@ const CLEARLY: f64 = 4.0;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Options {
     pub exposure_s: f64,
-    /// True if consecutive equal readings are one frame logged repeatedly, even when still.
+    /// True if equal consecutive readings are always one frame logged repeatedly.
     pub repeats_are_stale: bool,
-    /// The edges of a signal that both sides recorded. If given, they align the clocks.
+    /// Edges of a signal that both sides recorded, to align the clocks.
     pub edges: Option<Edges>,
 }
 
@@ -94,8 +92,7 @@ impl ClockMap {
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Quality {
-    /// Share of the readings' variance that the aligned reference explains, through the map with
-    /// memory, averaged over the channels.
+    /// Share of the readings' variance that the aligned reference explains, with memory, averaged over the channels.
     pub explained: f64,
     /// RMS of the unexplained part in each changing channel, around its usual reading.
     pub residual_counts: Vec<f64>,
@@ -135,14 +132,12 @@ pub struct Aligned {
 
 /// Aligns `reference` (six axes, or fewer) with `board` (readings of any number of channels).
 ///
-/// Neither sampling needs to be even; rows may be missing, repeated or out of range. Delays of the
-/// board become part of the offset, which pairs each row with the load that caused it.
-///
-/// With edges, the loads only decide if the gaps do not, and otherwise need not match.
+/// Neither sampling needs to be even; rows may be missing, repeated or out of range. Delays of the board become part
+/// of the offset, which pairs each row with the load that caused it. With edges, the loads only decide if the gaps do
+/// not, and otherwise need not match.
 ///
 /// # Errors
-/// [`AlignError`] if a recording is too short or does not change, if the match is ambiguous, or if
-/// it is unclear which edge is which.
+/// [`AlignError`] if a recording is too short or does not change, or the match or the edges are unclear.
 pub fn align(
     reference: Recording,
     board: Recording,
@@ -202,8 +197,7 @@ fn by_loads(reference: &Clean, board: &Clean) -> Result<(ClockMap, Quality), Ali
     Ok((clock, Quality { search_explained, search_ratio, search, ..quality }))
 }
 
-/// Searches with one block of the board log after another, most motion first, until a match is
-/// clear.
+/// Searches with one block of the board log after another, most motion first, until a match is clear.
 fn search(reference: &Clean, board: &Clean) -> Result<(Match, (f64, f64)), AlignError> {
     let count = (board.span_s() / PROBE_S).ceil().max(1.0);
     let length_s = board.span_s() / count;
@@ -286,12 +280,10 @@ impl Aligned {
         self.board.columns.len()
     }
 
-    /// The reference at the times of the board's rows, low-passed below the board's Nyquist
-    /// frequency and averaged over its exposure.
-    ///
-    /// Calls `row` with board time (s, on its own clock), readings and wrench for each row that is
-    /// not a repeat and is covered by the reference. Returns the number of rows that the reference
-    /// does not cover.
+    /// Evaluates the reference at the times of the board's rows, low-passed below the board's Nyquist frequency and
+    /// averaged over its exposure. Calls `row` with board time (s, on its own clock), readings and wrench for each
+    /// row that is not a repeat and is covered by the reference. Returns the number of rows that the reference does
+    /// not cover.
     ///
     /// # Errors
     /// Any error of `row`.

@@ -6,16 +6,14 @@ use faer::{Accum, Mat, MatRef, Par};
 
 use super::optics::{Bend, POWERS};
 
-/// A pivot below this fraction of its diagonal means that previous features explain the feature:
-/// for example, features of a load that never occurs.
+/// Least pivot, as a fraction of its diagonal, of a feature that earlier features do not explain.
 const TOLERANCE: f64 = 1e-9;
 
-/// Regularisation of the bends, as a share of the powers' squares: zero if the rows do not
-/// determine a bend.
+/// Regularisation of the bends, as a share of the powers' squares: zero for undetermined bends.
 const HELD: f64 = 1e-9;
 
-/// Gram matrix of the columns [X | D | tD | Y | P]: features X, slopes D of the prediction with the
-/// offset, time t from the pivot, readings Y, and their [`POWERS`] powers P, channel by channel.
+/// Gram matrix of the columns [X | D | tD | Y | P]: features X, slopes D by the offset, time t from
+/// the pivot, readings Y, and their [`POWERS`] powers P, channel by channel.
 #[derive(Debug)]
 pub(super) struct GramSums {
     sums: Mat<f64>,
@@ -66,8 +64,7 @@ impl Projected {
         }
         let kept: Vec<usize> = (0..features).filter(|&k| keep(k)).collect();
         let columns: Vec<usize> = kept.iter().copied().chain(features..gram.ncols()).collect();
-        // Cholesky by rows of the upper triangle, applied to the right-hand sides at the same time:
-        // `work` ends as [R | R⁻ᵀ XᵀZ] above the projected block.
+        // Cholesky by rows of the upper triangle: `work` ends as [R | R⁻ᵀ XᵀZ] above that block.
         let row = |&i: &usize| columns.iter().map(|&j| gram[(i.min(j), i.max(j))]).collect();
         let mut work: Vec<Vec<f64>> = columns.iter().map(row).collect();
         let mut used = Vec::with_capacity(kept.len());

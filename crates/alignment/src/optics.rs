@@ -1,16 +1,16 @@
 //! Straightened readings: the inverse of each channel's optics, approximated by a polynomial.
 //!
-//! A channel responds to one displacement, monotonically. The displacement is linear in the load
-//! and in the memory of the springs, so the reading is bent back:
+//! A channel responds monotonically to one displacement, linear in the load and in the memory of
+//! the springs, so the reading is bent back:
 //!
 //! ```text
 //! z = y + r Σₖ βₖ xᵏ      x = (y − ȳ) / r      k = 2, 3, 4
 //! ```
 //!
-//! with ȳ the median of a channel's readings, and r the distance from it that 1 % of them exceed.
+//! with the median ȳ of a channel's readings, and the distance r from it that 1 % of them exceed.
 //! The least-squares problem of the map also gives βₖ: with the coefficient of y held at 1, they
-//! minimise the part of z that the load does not explain. Powers of the load instead would require
-//! the memory before it is known, and a wrong memory gives a wrong offset.
+//! minimise the part of z that the load does not explain. Powers of the load would require the
+//! memory in advance, and a wrong memory gives a wrong offset.
 
 /// Number of powers of each reading, from the square on.
 pub(super) const POWERS: usize = 3;

@@ -130,10 +130,9 @@ impl BoardFrames {
 
 /// Selects finite rows in order of time with new values.
 ///
-/// A constant load leaves equal rows, and so does a logger that runs faster than its sensor. The
-/// latter repeats rows during a movement, with a jump before and after. Only these are dropped,
-/// unless all repeats are known to be the logger's: dropping rows of a constant load would remove
-/// one side of each tap.
+/// A constant load leaves equal rows, and so does a logger that runs faster than its sensor, but
+/// with a jump before and after. Only the latter are dropped, unless all repeats are known to be
+/// the logger's: dropping rows of a constant load would remove one side of each tap.
 fn rows_to_keep(time_s: &[f64], columns: &[Vec<f64>], all_repeats: bool) -> (Vec<bool>, LeftOut) {
     let mut left_out = LeftOut::default();
     let mut keep = vec![true; time_s.len()];
@@ -171,8 +170,8 @@ fn rows_to_keep(time_s: &[f64], columns: &[Vec<f64>], all_repeats: bool) -> (Vec
     (keep, left_out)
 }
 
-/// Selects rows in which no column stays at its own extreme. A load that truly stays there is
-/// excluded too; it has no slope, so it carries no information about time.
+/// Selects rows in which no column stays at its own extreme. A load that truly stays there has no
+/// slope, and no information about time.
 fn in_range(columns: &[Vec<f64>]) -> Vec<bool> {
     let mut inside = vec![true; columns.first().map_or(0, Vec::len)];
     for column in columns {

@@ -16,14 +16,14 @@
 //! H = Jᵀ W J      g = Jᵀ W y      (o, s) ← (o, s) + H⁻¹ g
 //! ```
 //!
-//! Each step needs only one Gram matrix over the rows. H⁻¹ would be the covariance of (o, s) if the
-//! residuals were white, which an inexact model of the springs prevents. The covariance is
-//! therefore H⁻¹ S H⁻¹ with S the long-run covariance of the scores (Newey & West, Econometrica 55,
-//! 703, 1987), increased by the model errors in [`choice`](super::choice) and
+//! Each step needs one Gram matrix over the rows. H⁻¹ would be the covariance of (o, s) for white
+//! residuals, which an inexact model of the springs prevents. The covariance is therefore H⁻¹ S H⁻¹
+//! with the long-run covariance S of the scores (Newey & West, Econometrica 55, 703, 1987),
+//! increased by the model errors in [`choice`](super::choice) and
 //! [`uncertainty`](super::uncertainty).
 //!
-//! There are three rounds: with memories on the axes, which determines the direction that each
-//! channel senses; with all kinds of memory; and with those that the readings need.
+//! Three rounds follow: with memories on the axes, for the directions that channels sense; with all
+//! kinds of memory; and with those that the readings need.
 
 use faer::{Mat, MatRef};
 
@@ -42,8 +42,7 @@ const BLOCK: usize = 256;
 const STEPS: usize = 40;
 /// Number of features that do not depend on the load: a constant and a drift.
 const CONSTANTS: usize = 2;
-/// Number of first steps that also estimate the share of the memory in the products; it is then
-/// fixed, so that the steps can converge.
+/// First steps that also estimate the memory's share in the products, fixed for later steps.
 const MEMORY_STEPS: usize = 4;
 /// Steps are small below this share of the standard error for white residuals.
 const SMALL: f64 = 0.01;
@@ -57,8 +56,7 @@ const ROWS_PER_FEATURE: usize = 4;
 const LEAST_GAIN: f64 = 0.1;
 /// A row with a larger residual (squared, per channel) is downweighted (Huber).
 const OUTLIER: f64 = 4.0;
-/// Oscillating steps below this are accepted, s: jumps of the load between two frames make the
-/// objective a function of the offset with corners.
+/// Oscillating steps below this, s, are accepted: jumps of the load give the objective corners.
 const NEARLY_S: f64 = 5e-4;
 /// A step of this length has lost the match, s.
 const LOST_S: f64 = 10.0;
@@ -89,8 +87,7 @@ impl Warp {
 pub(super) struct WarpEstimate {
     pub(super) warp: Warp,
     pub(super) covariance: [[f64; 2]; 2],
-    /// The quality without the results of the search; times since the start of the board's
-    /// recording.
+    /// Without the results of the search; times since the start of the board's recording.
     pub(super) quality: Quality,
 }
 
@@ -156,7 +153,7 @@ struct SettledWarp {
 }
 
 /// Fits the warp to the rows with board times in `window`, starting nearby. `prior_skew` is for
-/// windows too short to determine the skew; only memories on the axes are then used.
+/// windows too short for the skew, with memories on the axes only.
 pub(super) fn refine(
     trajectory: &Trajectory,
     frames: &BoardFrames,
@@ -229,8 +226,8 @@ impl<'a> WarpProblem<'a> {
         }
     }
 
-    /// Takes Gauss–Newton steps until they are `small`. Each step updates map, weights and bends,
-    /// and in the first `memory_steps` also the shares of the memory.
+    /// Takes Gauss–Newton steps until they are `small`, updating map, weights, bends and, in the
+    /// first `memory_steps`, shares of the memory.
     fn settle(
         &self,
         warp: &mut Warp,

@@ -4,17 +4,17 @@
 //! w(t) = Σ h(t − t_k) v_k x_k / Σ h(t − t_k) v_k      v_k = (t_{k+1} − t_{k−1}) / 2
 //! ```
 //!
-//! This is the convolution with the kernel h by the trapezoidal rule over the actual sample times.
-//! It has no value if the kernel would reach over a gap, over rows out of range, or past an end.
-//! The kernel is a sinc under a Kaiser window, optionally averaged over an exposure:
+//! This is the convolution with the kernel h by the trapezoidal rule over the actual sample times,
+//! without a value if the kernel would reach over a gap, rows out of range, or an end. The kernel
+//! is a sinc under a Kaiser window, optionally averaged over an exposure:
 //!
 //! ```text
 //! h(x) = 2 f_c sinc(2 f_c x) · I₀(β √(1 − (x/L)²)) / I₀(β)      |x| ≤ L
 //! ```
 //!
 //! β and L follow from the stopband attenuation and the width of the transition (Kaiser 1974;
-//! Oppenheim & Schafer, Discrete-Time Signal Processing, 3rd ed., eqs 7.75 and 7.76). The kernel is
-//! symmetric, so it has no delay.
+//! Oppenheim & Schafer, Discrete-Time Signal Processing, 3rd ed., eqs 7.75 and 7.76). The symmetric
+//! kernel has no delay.
 
 use std::f64::consts::PI;
 
@@ -106,8 +106,8 @@ struct Kernel {
 
 impl Kernel {
     /// Passes frequencies up to 0.3 times `rate_hz`, halves 0.4 times the rate, and attenuates
-    /// those above half of the rate by `stopband_db`, at least 50; the passband ripple corresponds.
-    /// Also averages over `exposure_s`, if above 0.
+    /// those above half of the rate by `stopband_db`, at least 50, with the corresponding passband
+    /// ripple. Averages over `exposure_s`, if above 0.
     fn new(rate_hz: f64, exposure_s: f64, stopband_db: f64) -> Self {
         let cutoff_hz = (0.5 - HALF_TRANSITION) * rate_hz;
         let transition_hz = 2.0 * HALF_TRANSITION * rate_hz;

@@ -1,21 +1,20 @@
-//! Possible responses of an optical sensor on springs to a wrench, as features. The straightened
-//! readings are a linear map of these features.
+//! Features of a wrench, mapped linearly to the straightened readings of sensors on springs.
 //!
-//! Springs respond late: they creep, and their friction makes the response depend on the history of
-//! the load. Both shift readings relative to the load by milliseconds in one direction, whatever
-//! the clocks do, and bias an alignment without a model of them. The kinds of memory of a sensor,
-//! and their directions, are unknown. The features therefore cover several kinds, and
-//! [`choice`](super::choice) finds those that the readings need:
+//! Springs respond late: they creep, and friction makes the response depend on the history of the
+//! load. Both shift readings by milliseconds in one direction, whatever the clocks do, and bias an
+//! alignment without a model of them. The kinds and directions of a sensor's memory are unknown.
+//! The features cover several kinds, and [`choice`](super::choice) finds those that the readings
+//! need:
 //!
-//! - *plays* on each axis, `p ← clamp(p, w − r, w + r)`, of several half-widths: any
-//!   rate-independent hysteresis with a convex loop is a sum of them (Prandtl–Ishlinskii; Brokate &
-//!   Sprekels, Hysteresis and Phase Transitions, 1996);
+//! - *plays* on each axis, `p ← clamp(p, w − r, w + r)`, of several half-widths, which add up to
+//!   any rate-independent hysteresis with a convex loop (Prandtl–Ishlinskii; Brokate & Sprekels,
+//!   Hysteresis and Phase Transitions, 1996);
 //! - *lags* on each axis, `τ ḷ = w − l`: creep;
-//! - *quick lags* on each axis, with time constants below those of the load: viscous and other
-//!   friction that depends on the speed;
+//! - *quick lags* on each axis, faster than the load: viscous and other friction that depends on
+//!   the speed;
 //! - plays along the direction that each *channel* senses, as given by the current map;
-//! - *joint* plays of all axes, `p ← w + min(1, r / ‖p − w‖) (p − w)`: friction that yields in the
-//!   direction of the load, whatever the axes are (a ball in place of the interval);
+//! - *joint* plays of all axes, `p ← w + min(1, r / ‖p − w‖) (p − w)`: friction in the direction of
+//!   the load (a ball in place of the interval);
 //! - products of two axes: effects that a single displacement does not describe.
 
 use faer::MatRef;
@@ -53,8 +52,8 @@ pub(super) struct MemoryModel {
     axes: usize,
     /// The share of the response to each axis that passes through each of its plays and lags.
     shares: Vec<f64>,
-    /// A direction of the scaled wrench for each channel, row by row, scaled so that the load
-    /// reaches 1. Empty if the model has neither plays along channels nor joint plays.
+    /// A direction of the scaled wrench for each channel, row by row, scaled so that
+    /// the load reaches 1. Empty without plays along channels and joint plays.
     directions: Vec<f64>,
 }
 
@@ -68,8 +67,8 @@ impl MemoryModel {
         Self { directions: vec![0.0; channels * axes], ..Self::on_axes(axes) }.features()
     }
 
-    /// Learns shares from the fitted map (features × channels): the projection of a play's
-    /// coefficients, over the channels, on the total coefficients of its axis.
+    /// Learns shares from the map (features × channels): a play's coefficients projected on the
+    /// total ones of its axis.
     pub(super) fn learn_shares(&mut self, map: MatRef<'_, f64>) {
         let row = |i: usize| (0..map.ncols()).map(move |c| map[(i, c)]);
         self.shares.clear();
@@ -87,8 +86,8 @@ impl MemoryModel {
         }
     }
 
-    /// Adds plays along the direction that each channel senses by `map`, and joint plays; `reach`
-    /// gives the largest load in a direction of the scaled wrench.
+    /// Adds plays along each channel's direction in `map`, and joint plays; `reach` is the largest
+    /// load in a direction of the scaled wrench.
     pub(super) fn with_channels(
         mut self,
         map: MatRef<'_, f64>,

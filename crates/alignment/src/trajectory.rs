@@ -5,8 +5,7 @@ use super::recording::Clean;
 use super::resample::Resampler;
 use super::response::{MemoryModel, MemoryResponse};
 
-/// Grid points per output sample: cubic interpolation then errs by less than 0.4 % at the cut-off,
-/// and 1e-5 at a quarter of it.
+/// Grid points per output sample: cubics err by < 0.4 % at the cut-off, 1e-5 at a quarter of it.
 const PER_OUTPUT: f64 = 4.0;
 
 /// Attenuation of faster loads: small against the noise; a longer kernel would only take longer.
@@ -89,8 +88,8 @@ pub(super) struct FeatureWindow<'a> {
 }
 
 impl FeatureWindow<'_> {
-    /// The features and their slopes (1/s) at `time_s`, by cubic interpolation; times must not go
-    /// back. Returns false if the reference has no value.
+    /// Features and slopes (1/s) at ascending `time_s`, by cubic interpolation; false without a
+    /// value.
     pub(super) fn at(&mut self, time_s: f64, values: &mut [f64], slopes: &mut [f64]) -> bool {
         let position = time_s / self.trajectory.step_s;
         if !(position >= 1.0 && position < self.trajectory.valid.len() as f64 - 2.0) {

@@ -9,18 +9,17 @@ use super::response::MemoryModel;
 /// Residuals correlated for longer than this are drift, which the model includes, s.
 const CORRELATED_S: f64 = 0.5;
 const SCORE_BIN_S: f64 = 0.01;
-/// Residuals that are similar from row to row come from the model. This share of the model error is
-/// assumed to lie along the slopes, where the offset absorbs it and no residual shows it. The value
-/// was found with sensors of six kinds of hysteresis (`docs/alignment.md`).
+/// Share of the model error, which residuals similar from row to row show, assumed to lie along the
+/// slopes, where the offset absorbs it. Found with sensors of six kinds of hysteresis
+/// (`docs/alignment.md`).
 const HIDDEN_SHARE: f64 = 0.025;
-/// No model of the memory has exactly the right widths, times and directions: this share of its
-/// delay is uncertain, however small the residuals are (found in the same way).
+/// Uncertain share of the memory's delay, as no model has the right widths, times and directions
+/// (found in the same way).
 const UNKNOWN_DELAY: f64 = 0.012;
-/// Frames do not show when a load jumps between two of them: this share of their period is
-/// uncertain (found in the same way).
+/// Uncertain share of the frames' period, as frames do not show when a load jumps between them
+/// (found in the same way).
 const UNKNOWN_JUMP: f64 = 0.4;
-/// Pure noise makes products of successive residuals scatter about zero: this number of standard
-/// deviations of that scatter is subtracted.
+/// Standard deviations of noise in products of successive residuals that are subtracted.
 const CHANCE: f64 = 2.0;
 
 pub(super) struct MatchedRow<'a> {
@@ -118,8 +117,8 @@ impl ResidualSums {
     }
 
     /// Covariance of offset (s) and skew. `white` is H⁻¹, `spread` the variances over the plausible
-    /// models. The common part of successive residuals sums to eᵀWe′. If a share `HIDDEN_SHARE` of
-    /// it lies along the slopes, its squared error is `HIDDEN_SHARE² eᵀWe′ H⁻¹`.
+    /// models. The common part of successive residuals sums to eᵀWe′; a share `HIDDEN_SHARE` of it
+    /// along the slopes has the squared error `HIDDEN_SHARE² eᵀWe′ H⁻¹`.
     pub(super) fn covariance(&self, white: [[f64; 2]; 2], spread: [f64; 2]) -> [[f64; 2]; 2] {
         let longest = (CORRELATED_S / SCORE_BIN_S) as usize;
         let mut covariance = sandwich(white, long_run_covariance(&self.scores, longest));

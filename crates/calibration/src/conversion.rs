@@ -16,28 +16,22 @@ use shell_data::Converter;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, PerAxis};
 
-/// A fitted model, with all data needed to apply it and to judge its accuracy.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Calibration {
-    /// A polynomial or a physics model.
     pub kind: Kind,
-    /// Axes of the wrench that were measured in the training data. Output on other axes is meaningless.
+    /// Axes measured in the training data. Output on other axes is meaningless.
     pub axes: Axes,
     /// Covariance of the errors and coefficients of a polynomial, if known.
     pub covariance: Option<Covariance>,
-    /// Range of each channel in the training data, if known.
     pub valid_range: Option<Vec<ReadingRange>>,
     /// Memory terms that must follow the readings.
     pub memory: Option<MemoryTerms>,
-    /// Lag of the training logs' reference behind the readings. The fit compensated it: forces
-    /// refer to the time of the reading.
+    /// Lag of the training reference behind the readings. The fit removed it: forces refer to the reading's time.
     pub lag: Option<ReferenceLag>,
 }
 
-/// Method of conversion from readings to wrenches.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Kind {
-    /// A polynomial in the readings.
     Polynomial(Polynomial),
     /// The inverse of a model of the sensors' response to a wrench.
     Physics(Box<PhysicsCalibration>),
@@ -53,13 +47,11 @@ impl Calibration {
         Self::from_kind(Kind::Polynomial(Polynomial::new(model, scaling, coefficients)))
     }
 
-    /// Creates a calibration of this kind, for all six axes, without a covariance and valid for any reading.
     pub fn from_kind(kind: Kind) -> Self {
         Self { kind, axes: Axes::ALL, covariance: None, valid_range: None, memory: None, lag: None }
     }
 
-    /// Creates a calibration of all six axes from the solution of a solver, valid over the ranges
-    /// of its training data, without a covariance.
+    /// Creates a calibration of all six axes, valid over its training ranges, without a covariance.
     pub fn from_solution(solution: &Solution, ranges: &ReadingRanges) -> Self {
         let c = &solution.coefficients;
         let rows = (0..c.nrows()).map(|j| std::array::from_fn(|axis| c[(j, axis)])).collect();
@@ -69,7 +61,6 @@ impl Calibration {
         }
     }
 
-    /// The polynomial, if the calibration has one.
     pub fn polynomial(&self) -> Option<&Polynomial> {
         match &self.kind {
             Kind::Polynomial(polynomial) => Some(polynomial),
@@ -90,13 +81,11 @@ impl Calibration {
         self.memory.as_ref().map(MemoryTerms::start)
     }
 
-    /// Returns true if conversion needs the time of each row.
     pub fn needs_time(&self) -> bool {
         self.memory.as_ref().is_some_and(|memory| memory.time_base == TimeBase::Seconds)
     }
 
-    /// Prepares rows for a comparison with converted readings: appends memory terms to the
-    /// readings, and moves the wrench to the time of the readings.
+    /// Appends memory terms to the readings, and moves the wrench to their time, to compare it with conversions.
     ///
     /// # Errors
     /// [`FitError::NoTime`] if the time constants are in seconds and a log has no time.
@@ -116,7 +105,7 @@ impl Calibration {
         Cow::Owned(all)
     }
 
-    /// Number of columns of readings: one per channel, then one per memory term.
+    /// Number of columns: one per channel, then one per memory term.
     pub fn columns(&self) -> usize {
         match &self.kind {
             Kind::Polynomial(polynomial) => polynomial.model().columns(),
@@ -124,7 +113,6 @@ impl Calibration {
         }
     }
 
-    /// Number of channels of a frame.
     pub fn channels(&self) -> usize {
         match &self.kind {
             Kind::Polynomial(polynomial) => polynomial.model().channels,
@@ -132,12 +120,10 @@ impl Calibration {
         }
     }
 
-    /// Converts every row to an untared wrench, N and N·m, bit-identical on every machine and
-    /// whatever the neighbouring rows.
+    /// Converts every row to an untared wrench, N and N·m, bit-identical on any machine and beside any rows.
     ///
-    /// `readings` has one column per channel, in counts, and then the [memory terms](Self::memory);
-    /// without these the sensor is assumed to have been still. `wrench` is resized to the number of
-    /// rows, with zeros on axes that are not in [`Self::axes`].
+    /// `readings`: one column per channel, in counts, then the [memory terms](Self::memory); without these the sensor
+    /// is assumed to have been still. `wrench` is resized to the rows, with zeros on axes not in [`Self::axes`].
     ///
     /// # Panics
     /// If `readings` does not have these columns, or they differ in length.
@@ -166,8 +152,8 @@ impl Calibration {
         flags
     }
 
-    /// Converter of the readings, from their range in the training data, or of 12 bits if that is
-    /// unknown; `full_scale` replaces its highest reading. `None` if readings are not counts.
+    /// Converter of the readings, by their training range or 12 bits; `full_scale` replaces its highest reading.
+    /// `None` if readings are not counts.
     pub fn converter(&self, full_scale: Option<f64>) -> Option<Converter> {
         let found = match &self.valid_range {
             None => Some(Converter::new(4095.0)),

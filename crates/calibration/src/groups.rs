@@ -11,19 +11,13 @@ use shell_data::block::Block;
 use shell_data::dataset::{BLOCK_ROWS, Dataset, LabelRuns, LogRows};
 use shell_data::statistics::RunningVariance;
 
-/// The rows that are held out together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HeldOut {
-    /// Each group of the logs' group column, or each file, or each group found in a single log, or
-    /// else blocks of time.
+    /// Groups of the logs' column, or files, or groups found in a single log, or blocks of time.
     Auto,
-    /// Each file.
     File,
-    /// Each group of the column.
     Column,
-    /// Each plateau of constant load.
     Plateaus,
-    /// This number of folds of groups.
     Folds(usize),
 }
 
@@ -46,24 +40,19 @@ impl std::str::FromStr for HeldOut {
 }
 
 impl From<Option<usize>> for HeldOut {
-    /// The given number of folds of groups; each group alone if there is no number.
+    /// Converts a number of folds of groups; `None` holds out each group alone.
     fn from(folds: Option<usize>) -> Self {
         folds.map_or(Self::Auto, Self::Folds)
     }
 }
 
-/// The definition of a group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GroupBy {
-    /// The rows of a file.
     File,
-    /// The rows with one label in the logs' group column.
     Column,
-    /// Blocks of rows that were found.
     Found(FoundGroups),
 }
 
-/// The property that separates groups that were found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FoundKind {
     /// The load is constant within each.
@@ -76,8 +65,7 @@ pub enum FoundKind {
 
 const STRETCHES: u64 = 40;
 
-/// Rows are shuffled if the correlation of neighbouring loads is below this; in a recording in
-/// order of time it is far higher.
+/// Rows are shuffled if neighbouring loads correlate less; in order of time it is far more.
 pub(crate) const SHUFFLED_BELOW: f64 = 0.3;
 
 /// Maximum number of blocks of time into which the rows of several files are divided.
@@ -89,12 +77,11 @@ const STRETCH_LENGTHS: usize = 8;
 const MOST_ROWS: usize = 20_000;
 
 impl FoundKind {
-    /// The name in documents.
     pub fn name(self) -> &'static str {
         self.words()[0]
     }
 
-    /// The names in documents, in singular, in plural, and in full.
+    /// Names in documents: singular, plural and in full.
     fn words(self) -> [&'static str; 4] {
         match self {
             Self::Plateaus => ["plateaus", "plateau", "poses", "plateaus of constant load"],
@@ -106,18 +93,13 @@ impl FoundKind {
     }
 }
 
-/// Number and length of the groups that were found in logs without a group column.
+/// Groups that were found in logs without a group column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FoundGroups {
-    /// The kind of the groups.
     pub kind: FoundKind,
-    /// The number of groups.
     pub groups: usize,
-    /// The rows of the shortest group.
     pub rows_min: u64,
-    /// The median number of rows.
     pub rows_median: u64,
-    /// The rows of the longest group.
     pub rows_max: u64,
 }
 
@@ -131,12 +113,10 @@ impl GroupBy {
         }
     }
 
-    /// Returns true if only time separates the groups.
     pub fn is_stretches(&self) -> bool {
         self.found().is_some_and(|groups| groups.kind == FoundKind::Stretches)
     }
 
-    /// The plural of the name.
     pub fn plural(&self) -> &'static str {
         match self {
             Self::File => "files",
@@ -145,7 +125,6 @@ impl GroupBy {
         }
     }
 
-    /// The groups that were found, if they were.
     pub fn found(&self) -> Option<FoundGroups> {
         match self {
             Self::Found(groups) => Some(*groups),
@@ -163,9 +142,9 @@ impl From<GroupKind> for GroupBy {
     }
 }
 
-/// Labels rows by the groups that can be held out: the groups asked for or, for [`HeldOut::Auto`]
-/// and folds, the first available of: a column that all logs have, several files, plateaus of
-/// constant load, recordings between jumps of the clock, forty blocks of time. `None` without any.
+/// Labels rows by groups that can be held out: those asked for or, for [`HeldOut::Auto`] and folds,
+/// the first available of a column in all logs, several files, plateaus of constant load,
+/// recordings between jumps of the clock, forty blocks of time. `None` without any.
 pub fn label_groups(data: &Dataset, held_out: HeldOut) -> Option<(GroupBy, Dataset)> {
     match held_out {
         HeldOut::File => Some((GroupBy::File, label_by_file(data))),
@@ -211,8 +190,7 @@ fn loads_are_constant_in_groups(data: &Dataset) -> bool {
     })
 }
 
-/// Returns true if a log may have plateaus, judging by a sample of its rows. A sample of the first
-/// rows only cannot rule them out.
+/// Returns true unless a sample of a log, not of its first rows only, rules out plateaus.
 pub fn may_have_plateaus(sample: &Block, is_sampled_at_start: bool) -> bool {
     let mut finder = PlateauFinder::<6>::new(Steps::from_sample(&[], &sample.wrench));
     finder.add(&[], &sample.wrench);
@@ -268,9 +246,9 @@ fn stretches(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     (groups > 1).then(|| label_found(data, FoundKind::Stretches, vec![rows]))
 }
 
-/// Blocks of time of several files, and the blocks of each file: so long that the errors of
-/// neighbours are nearly uncorrelated. `None` if the order of rows says nothing: rows in poses,
-/// shuffled rows, or loads that stay correlated for too long.
+/// Blocks of time of several files, and the blocks of each file, so long that errors of neighbours
+/// are nearly uncorrelated. `None` for rows in poses, shuffled rows, or loads that stay correlated
+/// too long.
 pub(crate) fn stretches_of_files(data: &Dataset) -> Option<(Dataset, Vec<Range<usize>>)> {
     let is_apart = |&lag: &usize| load_correlation(data, lag) < SHUFFLED_BELOW;
     let lags = std::iter::successors(Some(1), |lag| Some(2 * lag));

@@ -1,5 +1,4 @@
-//! Poses (blocks of still readings) in a recording without labels, matched in order with a list of
-//! loads.
+//! Poses (blocks of still readings) without labels, matched in order with a list of loads.
 
 use crate::groups::label_runs;
 use crate::validation::plateaus::{Level, PlateauFinder, SAME_LEVEL, Steps};
@@ -7,32 +6,29 @@ use sensor_physics::MOST_CHANNELS;
 use shell_data::dataset::{Dataset, LogRows, sample};
 use shell_data::statistics::extremes;
 
-/// A pose has no load if every channel is within this share of its range from the first: play
-/// remains when weights are taken off.
+/// Largest distance of an unloaded pose from the first, in channel ranges: play remains.
 const AT_REST: f64 = 0.03;
 
-/// The error that the number of poses does not match the number of loads.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("found `{holds}` still intervals, `{loaded}` of them loaded, for `{loads}` loads{times}")]
 pub struct HoldMismatch {
-    /// Number of poses (blocks of still readings).
+    /// Blocks of still readings.
     pub holds: usize,
-    /// Number of poses that differ from the first.
+    /// Poses that differ from the first.
     pub loaded: usize,
-    /// Number of loads.
     pub loads: usize,
-    /// Times of the poses, in words.
+    /// In words.
     pub times: String,
 }
 
-/// Shares of a channel's range within which successive levels are merged. The plateau finder uses
-/// the first; the wider ones allow for creep of springs.
+/// Shares of a channel's range within which levels merge: that of the plateau finder, then wider
+/// ones for creep of springs.
 const SAME: [f64; 3] = [SAME_LEVEL, 0.02, 0.04];
 
 type ReadingHold = Level<MOST_CHANNELS>;
 
-/// Labels rows by the hung load: poses are matched with the labels in order. If there are more
-/// poses than labels, those that read like the first have no load. Other rows have the empty label.
+/// Labels rows by the hung load, matching poses and labels in order. Excess poses that read like
+/// the first have no load. Other rows have the empty label.
 ///
 /// # Errors
 /// [`HoldMismatch`] if neither the poses nor the loaded poses are as many as the labels.
@@ -125,8 +121,7 @@ mod tests {
     use shell_data::block::Block;
     use shell_data::wrench::Axes;
 
-    /// Three loads of 200 rows, 100 rows without a load between them, 30 rows of transition before
-    /// each.
+    /// Three loads of 200 rows, each after 100 rows without a load and 30 rows of transition.
     fn recording() -> Dataset {
         let mut random = Random(3);
         let loads = [[0.0; 3], [200.0, -50.0, 30.0], [-90.0, 100.0, 10.0], [40.0, 60.0, -150.0]];

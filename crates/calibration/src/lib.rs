@@ -4,9 +4,9 @@
 //! `W` the six axes of the wrench. Alternatively, a model of each sensor's response to a wrench
 //! ([physics]) is inverted.
 //!
-//! [`fit()`] takes rows, finds groups and a model, and reports how far the resulting
-//! [`Calibration`] can be trusted. The crate [`least_squares`] sums, solves and holds out rows;
-//! [`sensor_physics`] models the response of a sensor. No files, clocks or printing.
+//! [`fit()`] takes rows, finds groups and a model, and reports how far the resulting [`Calibration`] can be trusted.
+//! [`least_squares`] sums, solves and holds out rows; [`sensor_physics`] models a sensor's response. No files, clocks
+//! or printing.
 //!
 //! ```
 //! use calibration::solver::{self, FitProblem, SolverKind};
@@ -31,7 +31,6 @@
 //! ```
 
 #![forbid(unsafe_code)]
-#![warn(missing_docs)]
 
 mod conversion;
 pub mod dynamics;
@@ -50,14 +49,12 @@ pub use self::fit::{Fit, FitOptions, fit};
 pub use least_squares::error::FitError;
 pub use least_squares::model::{Basis, Model};
 pub use least_squares::polynomial::Polynomial;
-// Callers of this crate use these modules of the two crates below it.
 pub use least_squares::{
     double_double, exact, factored, features, magnitudes, methods, model, quality, rank_loss,
     reading_ranges, scaling, solver, sums,
 };
 pub use sensor_physics as physics;
 
-/// Uncertainty of coefficients and converted samples.
 pub mod uncertainty {
     pub use crate::prediction::{HALF_WIDTH, Tare, Trust};
     pub use least_squares::uncertainty::*;

@@ -1,20 +1,18 @@
 //! Memory terms: the difference between a reading and its moving average.
 //!
-//! Flexures creep and gels relax, so a reading depends on earlier loads. In addition to its
-//! features a model may have, for each channel and each time constant τ, the linear column
+//! Flexures creep and gels relax, so a reading depends on earlier loads. A model may have, for each channel and each
+//! time constant τ, the linear column
 //!
 //! ```text
 //! m(t) = s(t) − e(t),    τ·de/dt = s − e
 //! ```
 //!
-//! A reading is held until the next, so `e` at a row follows from the previous row by
-//! `e ← e + (1 − exp(−Δt/τ))·(s − e)`, also for uneven, repeated and lost rows. A late row, which
-//! follows rows of later times, is compared with the current `e` and changes nothing. If the clock
-//! jumps, the terms restart at zero, as at the start of a log. The terms are causal.
+//! A reading is held until the next, so `e` at a row follows from the previous row by `e ← e + (1 − exp(−Δt/τ))·(s −
+//! e)`, also for uneven, repeated and lost rows. A late row, which follows rows of later times, is compared with the
+//! current `e` and changes nothing. A jump of the clock restarts the terms at zero, as at the start of a log.
 
 use shell_data::block::Block;
 
-/// The unit of time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum TimeBase {
@@ -26,10 +24,8 @@ pub enum TimeBase {
 }
 
 impl TimeBase {
-    /// All units.
     pub const ALL: [Self; 2] = [Self::Seconds, Self::Rows];
 
-    /// The name of the unit in documents and messages.
     pub const fn unit(self) -> &'static str {
         match self {
             Self::Seconds => "s",
@@ -38,10 +34,8 @@ impl TimeBase {
     }
 }
 
-/// The memory terms of a model.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct MemoryTerms {
-    /// The unit of time.
     pub time_base: TimeBase,
     /// Time constants, ascending, in units of the time base.
     pub time_constants: Vec<f64>,
@@ -50,7 +44,6 @@ pub struct MemoryTerms {
     pub gap: Option<f64>,
 }
 
-/// Memory terms along the rows of a log.
 #[derive(Clone, Debug)]
 pub struct MemoryState {
     memory: MemoryTerms,
@@ -60,25 +53,21 @@ pub struct MemoryState {
     rows: u64,
 }
 
-/// The error that a log has no clock although the memory terms need one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("the calibration has memory terms by time, and there is no time")]
 pub struct NoTime;
 
 impl MemoryTerms {
-    /// The state before the first row of a log.
     pub fn start(&self) -> MemoryState {
         MemoryState { memory: self.clone(), before: None, averages: Vec::new(), rows: 0 }
     }
 }
 
 impl MemoryState {
-    /// Computes the terms of the next rows: columns as long as those of `readings`, channel by
-    /// channel for each time constant.
+    /// Computes the terms of the next rows: columns like those of `readings`, channel by channel for each constant.
     ///
     /// # Errors
-    /// [`NoTime`] if the time constants are in seconds and `times_s` does not have a time for each
-    /// row.
+    /// [`NoTime`] if the time constants are in seconds and `times_s` does not have a time for each row.
     pub fn terms(
         &mut self,
         times_s: &[f64],

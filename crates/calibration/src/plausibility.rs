@@ -1,6 +1,6 @@
-//! Check that a calibration is plausible: its centre lies near its training readings, and the
-//! forces over their range are finite and physically possible. It finds damaged files and mistyped
-//! numbers, not poor fits.
+//! Plausibility of a calibration: the centre lies near the training readings, and forces over their
+//! range are finite and physically possible. This finds damaged files and mistyped numbers, not
+//! poor fits.
 
 use shell_data::wrench::{Axis, PerAxis};
 
@@ -21,36 +21,30 @@ const WIDTHS: f64 = 1e3;
 /// Most channels for all corners; with more, only those where all channels but one agree.
 const CORNER_CHANNELS: usize = 8;
 
-/// An implausible value in a calibration.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum Implausible {
-    /// A centre far from all training readings.
     #[error(
         "the centre of channel {channel} is `{centre:e}`, its training data reached from `{min}` to `{max}`"
     )]
     Centre {
-        /// The channel, from 1.
+        /// From 1.
         channel: usize,
-        /// The centre of the channel, in counts.
+        /// Counts.
         centre: f64,
-        /// The smallest reading.
         min: f64,
-        /// The largest reading.
         max: f64,
     },
-    /// A force that is not finite or too large.
     #[error("within the range of its training data `{}` reaches `{force:e}` {}", axis.name(), axis.unit())]
     Force {
-        /// The axis.
         axis: Axis,
-        /// The force or moment.
+        /// N or N·m.
         force: f64,
     },
 }
 
 impl Calibration {
-    /// Checks that centres and forces are plausible over the range of the training data, if that is
-    /// known. `largest_load` is the largest magnitude of the training loads, N or N·m.
+    /// Checks centres and forces over the known training range. `largest_load`: magnitude of the
+    /// training loads, N or N·m.
     ///
     /// # Errors
     /// The first [`Implausible`].

@@ -14,14 +14,13 @@ pub const HALF_WIDTH: f64 = 1.96;
 /// The unloaded state that later samples are measured against.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tare {
-    /// Number of frames.
     pub frames: usize,
     /// Mean features of the frames.
     pub features: Vec<f64>,
-    /// Mean wrench of the frames, N and N·m, to be subtracted.
+    /// Mean wrench, N and N·m, to be subtracted.
     pub wrench: PerAxis<f64>,
-    /// Mean variance of a physics model's error at the pose of the frames, squares of N and N·m,
-    /// which does not fall with more frames. Zero for a polynomial, where the features give it.
+    /// Mean variance of a physics model's error at this pose, squares of N and N·m, which more frames do not reduce.
+    /// Zero for a polynomial, where the features give it.
     pub variance: PerAxis<f64>,
 }
 
@@ -57,7 +56,6 @@ impl Calibration {
         Some(Tare { frames, features, wrench: wrench.map(|axis| mean(&axis)), variance })
     }
 
-    /// Returns true if standard errors are known.
     pub fn has_standard_errors(&self) -> bool {
         self.covariance.is_some() || matches!(self.kind, Kind::Physics(_))
     }
@@ -80,14 +78,12 @@ impl Calibration {
         }
     }
 
-    /// Standard error of every row and axis, N and N·m; see [`least_squares::uncertainty`]. Outside
-    /// the training range of a polynomial, the difference from the wrench at the end of the range
-    /// is unconfirmed, and counts as a further 95 % error. `readings` has one column per channel,
-    /// in counts. `None` without a covariance.
+    /// Standard error of every row and axis, N and N·m; see [`least_squares::uncertainty`]. Outside the training
+    /// range of a polynomial, the difference from the wrench at its end counts as a further 95 % error. `readings`
+    /// has one column per channel, in counts. `None` without a covariance.
     ///
     /// # Panics
-    /// If `readings` does not have one column per channel of the model, or the columns differ in
-    /// length.
+    /// If `readings` does not have one column per channel of the model, or the columns differ in length.
     pub fn standard_errors(
         &self,
         readings: &[Vec<f64>],
@@ -137,8 +133,7 @@ impl Calibration {
     }
 }
 
-/// Reliability of some rows. Masks have bit `i` for channel `i`; they are empty if the model does
-/// not provide them.
+/// Reliability of rows. Masks have bit `i` for channel `i`, and are empty if the model provides none.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Trust {
     /// Standard errors, N and N·m.

@@ -31,8 +31,7 @@ pub struct ClockSearch {
 }
 
 impl ClockSearch {
-    /// Takes the times of the next rows, s. Rows after the first `CLOCK_ROWS` are ignored once a
-    /// period is known.
+    /// Takes the times of the next rows, s; once a period is known, ignores all after `CLOCK_ROWS`.
     pub fn look_at(&mut self, times_s: &[f64]) {
         for &time in times_s {
             if self.is_done() {
@@ -83,8 +82,7 @@ impl Grid {
         Self { clock, rule, next_row: 0, last_slot: 0 }
     }
 
-    /// The slots of the next rows. A row that is earlier than a previous one, such as a radio frame
-    /// that arrived out of order, shares the slot of that one.
+    /// Slots of the next rows. A row earlier than a previous one (a late frame) shares its slot.
     pub fn slots(&mut self, times_s: &[f64]) -> Vec<u64> {
         let slot = |&time: &f64| {
             let slot = match self.rule {

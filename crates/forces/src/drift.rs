@@ -1,12 +1,11 @@
 //! Drift of an unloaded sensor's zero: its trend against time and temperature, and its wander.
 //!
-//! Each [stationary interval](crate::stationary) contributes one observation, its mean. The
-//! standard error of a slope is the least-squares one from the scatter of the intervals about the
-//! line, times `√((1 + ρ)/(1 − ρ))`, where ρ is the correlation of neighbouring residuals plus
-//! `(2 + 4ρ)/n` to compensate for the fit of the line. For independent intervals the slope is
-//! within two standard errors in 95 % of cases. For a random walk over 60 intervals it is within
-//! three standard errors of zero in three of four cases; with the plain least-squares error, in one
-//! of four.
+//! Each [stationary interval](crate::stationary) contributes its mean. The standard error of a
+//! slope is the least-squares one, times `√((1 + ρ)/(1 − ρ))`, where ρ is the correlation of
+//! neighbouring residuals plus `(2 + 4ρ)/n` to compensate for the fit of the line. For independent
+//! intervals the slope is within two standard errors in 95 % of cases. For a random walk over 60
+//! intervals it is within three standard errors of zero in three of four cases; with the plain
+//! least-squares error, in one of four.
 
 use crate::stationary::{QuietLevel, ZeroChange};
 use shell_data::statistics::RunningVariance;
@@ -60,9 +59,8 @@ impl Trend {
 }
 
 impl Drift {
-    /// The drift of one of `quantities` from its levels in the stationary intervals, with the
-    /// middle of each, s, and its temperature, `None` if unknown. Returns `None` for fewer than
-    /// [`FEWEST_RESTS`] intervals.
+    /// Drift of one of `quantities` from its levels in the intervals, their middles, s, and
+    /// temperatures, `None` if unknown. `None` for fewer than [`FEWEST_RESTS`] intervals.
     pub fn fit(
         levels: &[QuietLevel],
         times_s: &[f64],

@@ -1,14 +1,12 @@
 //! Low-pass filtering of evenly sampled signals.
 //!
-//! [`Butterworth`] is the design. [`Filter`] runs it forward over a stream in constant memory
-//! (causal, with a delay). [`Butterworth::zero_phase`] runs it forward and backward over a whole
-//! signal (no delay, twice the attenuation in dB).
+//! [`Butterworth`] is the design. [`Filter`] runs it forward over a stream in constant memory (causal, with a delay),
+//! [`Butterworth::zero_phase`] forward and backward over a whole signal (no delay, twice the attenuation in dB).
 //!
-//! The transfer functions equal `scipy.signal.butter`: the analogue prototype under the bilinear
-//! transform, with a prewarped cutoff. A direct-form biquad with a low cutoff depends on small
-//! differences of coefficients near −2 and 1: at 10⁻⁴ of the sampling rate it has lost six digits.
-//! Trapezoidal state-variable sections keep these digits, have a gain of exactly one at zero
-//! frequency, and their state is the signal itself.
+//! The transfer functions equal `scipy.signal.butter`: the analogue prototype under the bilinear transform, with a
+//! prewarped cutoff. A direct-form biquad with a low cutoff depends on small differences of coefficients near −2 and
+//! 1: at 10⁻⁴ of the sampling rate it has lost six digits. Trapezoidal state-variable sections keep them, have a gain
+//! of exactly one at zero frequency, and their state is the signal itself.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -59,8 +57,7 @@ pub struct Butterworth {
     sections: Vec<FilterSection>,
 }
 
-/// A section with one real pole or one pair of complex poles; `g = tan(π·cutoff/rate)` is the
-/// prewarped cutoff, `k = 1/Q` the damping.
+/// One real pole or a pair of complex poles; `g = tan(π·cutoff/rate)`: prewarped cutoff, `k = 1/Q`: damping.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum FilterSection {
     /// `g / (s + g)` under the bilinear transform `s = (z − 1)/(z + 1)`.
@@ -75,8 +72,7 @@ impl Butterworth {
     /// The lowest cutoff, as a share of the rate. An output there depends on some million samples.
     pub(crate) const LOWEST: f64 = 2e-5;
 
-    /// Designs a low-pass with `order` poles and its −3.01 dB point at `cutoff_hz`, as
-    /// `scipy.signal.butter(order, cutoff, fs=rate)`.
+    /// Designs a low-pass with −3.01 dB at `cutoff_hz`, as `scipy.signal.butter(order, cutoff, fs=rate)`.
     ///
     /// # Errors
     /// [`FilterError::Order`] outside 1..=16, [`FilterError::Rate`] unless positive and finite,
@@ -98,9 +94,8 @@ impl Butterworth {
             return Err(FilterError::TooSlow { cutoff_hz, rate_hz, least_hz });
         }
         let g = (PI * (cutoff_hz / rate_hz)).tan();
-        // The poles lie evenly on a half circle; a pair at the angle θ from the imaginary axis has
-        // the damping 2·sin θ. The best damped pairs come first, so no section rings at full
-        // amplitude.
+        // The poles lie evenly on a half circle; a pair at the angle θ from the imaginary axis has the damping 2·sin
+        // θ. The best damped pairs come first, so no section rings at full amplitude.
         let real = (order % 2 == 1).then_some(FilterSection::Real { g });
         let pairs = (0..order / 2).rev().map(|pair| {
             let angle = PI * (2 * pair + 1) as f64 / (2 * order) as f64;
@@ -110,17 +105,15 @@ impl Butterworth {
         Ok(Self { order, cutoff_hz, rate_hz, sections })
     }
 
-    /// Number of samples after which the filter has forgotten its past: outputs of two signals that
-    /// differed by at most one before them differ by at most `tolerance`. The tail sum of `|h|` of
-    /// the impulse response h is no larger.
+    /// Samples after which the filter has forgotten its past: outputs of two signals that differed by at most one
+    /// before them differ by at most `tolerance`, which bounds the tail sum of `|h|` of the impulse response h.
     ///
     /// # Panics
     /// If `tolerance` is not between 0 and 1.
     pub fn memory(&self, tolerance: f64) -> usize {
         assert!(0.0 < tolerance && tolerance < 1.0, "a tolerance between 0 and 1");
-        // The slowest poles, at the angle θ = π/(2·order) from the imaginary axis, decay by a
-        // factor e in 1/(2π·cutoff·sin θ). Near half the rate the bilinear transform makes them
-        // faster or slower, which the loop accounts for.
+        // The slowest poles, at the angle θ = π/(2·order) from the imaginary axis, decay by a factor e in
+        // 1/(2π·cutoff·sin θ). The loop accounts for the bilinear transform near half the rate.
         let angle = FRAC_PI_2 / self.order as f64;
         let rate = TAU * self.cutoff_hz / self.rate_hz * angle.sin();
         let piece = (4.0 / rate).ceil() as usize;
@@ -146,15 +139,14 @@ impl Butterworth {
         kept.map_or(0, |last| last + 1)
     }
 
-    /// The length of the continuation at either end; the signal must be longer than that.
+    /// Length of the continuation at either end; the signal must be longer than that.
     pub(crate) fn zero_phase_reach(&self) -> usize {
         3 * (self.order + 1)
     }
 
-    /// Filters a whole signal forward, then backward: no delay, and twice the attenuation (−6.02 dB
-    /// at the cutoff). The signal is continued at both ends by its reflection through the end
-    /// point, over three times the order plus three samples; each pass starts settled at its first
-    /// value, as in `scipy.signal.sosfiltfilt`.
+    /// Filters a whole signal forward, then backward: no delay, and twice the attenuation (−6.02 dB at the cutoff).
+    /// Both ends are continued by their reflection through the end point, over three times the order plus three
+    /// samples; each pass starts settled at its first value, as in `scipy.signal.sosfiltfilt`.
     ///
     /// # Errors
     /// [`FilterError::TooFewSamples`] unless the signal is longer than that continuation.
@@ -177,9 +169,8 @@ impl Butterworth {
     }
 }
 
-/// A causal low-pass with its state, fed with a signal in pieces of any size. It starts at zero, as
-/// `scipy.signal.lfilter` does, which suits a tared signal; [`settled`](Self::settled) starts
-/// elsewhere.
+/// A causal low-pass, fed in pieces of any size. It starts at zero, as `scipy.signal.lfilter` does, which suits a
+/// tared signal; [`settled`](Self::settled) starts elsewhere.
 #[derive(Clone, Debug)]
 pub struct Filter {
     sections: Vec<(FilterSection, FilterState)>,
@@ -193,12 +184,11 @@ struct FilterState {
 }
 
 impl Filter {
-    /// Creates a filter that starts at zero.
     pub fn new(design: &Butterworth) -> Self {
         Self::settled(design, 0.0)
     }
 
-    /// Creates a filter in the state after an endless constant `value`, as `sosfilt_zi` does:
+    /// Starts in the state after an endless constant `value`, as `sosfilt_zi` does:
     /// further samples of `value` give exactly `value`.
     pub fn settled(design: &Butterworth, value: f64) -> Self {
         let state = FilterState { band: 0.0, low: value };
@@ -213,8 +203,7 @@ impl Filter {
         })
     }
 
-    /// Replaces the next samples by the filter's output, whatever the pieces. A sample that is not
-    /// finite spoils all later outputs.
+    /// Replaces samples by the output, in pieces of any size. A sample that is not finite spoils all later ones.
     ///
     /// Each section is integrated by the trapezoidal rule, implicitly, in closed form: A. Simper,
     /// "Linear Trapezoidal Integrated State Variable Filter" (Cytomic, 2013); V. Zavalishin, "The
@@ -270,9 +259,8 @@ mod tests {
     }
 
     impl FilterSection {
-        /// The biquad `[b0, b1, b2, 1, a1, a2]`, with the poles of
-        /// `scipy.signal.butter(…, output="sos")`. Each section has gain 1 at zero frequency; SciPy
-        /// puts the whole gain in the first.
+        /// The biquad `[b0, b1, b2, 1, a1, a2]`, with the poles of `scipy.signal.butter(…, output="sos")`. Each
+        /// section has gain 1 at zero frequency; SciPy puts the whole gain in the first.
         fn biquad(&self) -> [f64; 6] {
             match *self {
                 FilterSection::Real { g } => {
@@ -589,8 +577,7 @@ mod tests {
                     let frequency = share * cutoff;
                     let expected = analytic(order, cutoff, frequency);
                     let found = gain(order as usize, cutoff, frequency, length);
-                    // Thousands of terms sum to one; the rounding error grows with the root of
-                    // their number.
+                    // Thousands of terms sum to one; the rounding error grows with the root of their number.
                     assert!((found - expected).abs() < 1e-12, "{order} {frequency}: {found}");
                 }
             }

@@ -39,8 +39,8 @@ impl Hint for NoFrameChange {
 }
 
 impl FrameChange {
-    /// Creates a frame at `origin_m`, rotated by three angles, rad, about its x axis, then the
-    /// resulting y axis, then the resulting z axis. This is the tool transform of ATI's sensors.
+    /// Creates a frame at `origin_m`, rotated by three angles, rad, about its x axis, then the resulting y axis, then
+    /// the resulting z axis, as ATI's tool transform.
     pub fn new(origin_m: Vector, angles: Vector) -> Self {
         let about = |axis: usize| {
             let mut vector = [0.0; 3];
@@ -83,7 +83,7 @@ impl FrameChange {
         }
     }
 
-    /// Transforms standard errors, with errors of the old axes treated as independent.
+    /// Transforms standard errors, as if independent between old axes.
     pub fn apply_to_errors(&self, errors: &mut PerAxis<Vec<f64>>) {
         let columns: PerAxis<PerAxis<f64>> = std::array::from_fn(|axis| {
             let mut unit = PerAxis::default();
@@ -99,7 +99,6 @@ impl FrameChange {
         }
     }
 
-    /// Returns true if `axes` are sufficient: all six are needed.
     pub fn is_known_from(axes: Axes) -> bool {
         Axis::ALL.into_iter().all(|axis| axes.contains(axis))
     }
@@ -160,8 +159,7 @@ mod tests {
         assert_near(at_point, [2.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
     }
 
-    /// Rotations are about axes that have rotated before. After 90° about x the new y is the old z,
-    /// and the next 90° are about that axis; another order of rotations would give another result.
+    /// After 90° about x the new y is the old z, about which the next 90° are; another order differs.
     #[test]
     fn turns_are_about_axes_that_have_turned_before() {
         let wrench = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0];

@@ -4,10 +4,9 @@ use calibration::dynamics::ReferenceLag;
 use calibration::memory::TimeBase;
 use shell_data::wrench::PerAxis;
 
-/// Resamples forces at the reference-clock times of their rows' stamps, on the cubic with the
-/// forces and slopes of both neighbours; a parabola through three rows gives the slope. Values
-/// before the first row, after the last, and where time goes back are held. Linear interpolation
-/// would flatten fast forces, as the fit has already done once.
+/// Resamples forces at the reference-clock times of their rows' stamps, on the cubic with the forces and slopes (from
+/// a parabola through three rows) of both neighbours. Values before the first row, after the last, and where time
+/// goes back are held. Linear interpolation would flatten fast forces, as the fit has already done once.
 #[derive(Clone, Debug)]
 pub(super) struct LagShift {
     lag: ReferenceLag,
@@ -23,8 +22,7 @@ impl LagShift {
         Self { lag, rows: 0, times: Vec::new(), forces: PerAxis::default(), next: 0 }
     }
 
-    /// Takes the times of the next rows, s, and the next forces. Returns the forces of the oldest
-    /// rows that are now known.
+    /// Takes the times of the next rows, s, and the next forces. Returns the forces that are now known, oldest first.
     pub(super) fn push(&mut self, times_s: &[f64], forces: PerAxis<Vec<f64>>) -> PerAxis<Vec<f64>> {
         match self.lag.time_base {
             TimeBase::Seconds => self.times.extend_from_slice(times_s),
@@ -108,8 +106,7 @@ impl Between {
         let after = before + 1;
         let [step, rise] = [times, forces].map(|of| of[after] - of[before]);
         let secant = rise / step;
-        // Slope at one end of the step, from a parabola through both ends and the neighbour outside
-        // the step; without a neighbour, from the straight line through both ends.
+        // Slope at one end of the step, by a parabola through the outer neighbour, or else by the straight line.
         let slope = |at: usize, other: Option<usize>| {
             let other = other.filter(|&other| other < times.len());
             let far = other.map(|other| (times[other] - times[at], forces[other] - forces[at]));

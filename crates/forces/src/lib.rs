@@ -6,30 +6,27 @@
 //! readings ─▶ wrench = W(readings) ─▶ − tare ─▶ low-pass (on an even grid of time) ─▶ window
 //! ```
 //!
-//! A given log, calibration and [`ForceOptions`] produce the same bits in every use: over the whole
-//! log at once, in blocks, over the rows around a window, or during recording.
+//! A log, calibration and [`ForceOptions`] give the same bits in every use: whole, in blocks,
+//! around a window, or during recording.
 //!
-//! **Tare.** The mean wrench of the first 50 *fresh* frames, or of the fresh frames between two
-//! times: repeated rows of telemetry do not count. A tare can also follow the [stationary
-//! intervals](stationary): interpolated linearly between them, or, during recording, held from the
-//! last.
+//! **Tare.** The mean wrench of the first 50 *fresh* frames, or of those between two times, without
+//! repeated rows of telemetry. A tare can also follow the [stationary intervals](stationary):
+//! interpolated linearly between them, or, during recording, held from the last.
 //!
-//! **Clock.** The grid of the low-pass has the usual period between rows, the median of the first
-//! `CLOCK_ROWS` rows. Each frame is assigned to the slot nearest to its time, and a slot without a
-//! frame holds the previous frame. Repeated rows therefore change nothing, and missing or uneven
-//! rows leave the cutoff in Hz true. (The rate of fresh frames alone would fail on a still sensor,
-//! which repeats its readings.)
+//! **Clock.** The grid of the low-pass has the median period of the first `CLOCK_ROWS` rows. Each
+//! frame is assigned to the slot nearest to its time, and a slot without a frame holds the previous
+//! one: repeated rows change nothing, and missing or uneven rows leave the cutoff in Hz true. (The
+//! rate of fresh frames alone would fail on a still sensor, which repeats its readings.)
 //!
 //! **Low-pass.** A 4th-order Butterworth filter at 10 Hz: forward and backward (zero-phase) for a
 //! complete log, forward only (causal) during recording. It runs over blocks of the grid at fixed
 //! positions, each with the filter's memory before it and (zero-phase) after it. A window can
-//! therefore be processed alone and memory is bounded; rows further away would change a force by
-//! less than 10⁻¹² of the signal's range. At a gap longer than the filter's memory, each side is
-//! filtered separately.
+//! therefore be processed alone; rows further away would change a force by less than 10⁻¹² of the
+//! signal's range. A gap longer than the filter's memory separates its sides.
 //!
 //! **Lag.** A reference that lagged behind the readings shows a load later on its clock. Forces are
-//! given on that clock: their time stamps are shifted by the lag, or, where a row has to keep its
-//! stamp, forces are interpolated between rows.
+//! given on that clock: their time stamps are shifted, or forces are interpolated between rows that
+//! keep their stamps.
 //!
 //! The crate neither reads files nor prints. `docs/forces.md` describes the pipeline for users.
 

@@ -1,5 +1,3 @@
-//! Options of the conversion of readings to forces.
-
 use std::fmt;
 
 use serde::Serialize;
@@ -10,8 +8,7 @@ pub const DEFAULT_TARE_FRAMES: usize = 50;
 pub struct ForceOptions {
     pub tare: TareRule,
     pub low_pass: Option<LowPass>,
-    /// Leaves forces unfiltered, instead of failing, if the rate of the log is unknown or too low
-    /// for the low-pass. Used for a default low-pass that the user did not request.
+    /// Leaves forces unfiltered, instead of failing, if the rate does not suit a default low-pass.
     #[serde(skip)]
     pub low_pass_is_optional: bool,
     /// Slots of the low-pass per second, in place of the log's own rate, Hz.
@@ -29,8 +26,8 @@ pub enum TareRule {
     First(usize),
     /// The fresh frames between two times, s on the log's clock.
     Between(f64, f64),
-    /// All stationary intervals, with the zero interpolated linearly between them. If `causal`, as
-    /// during recording, the zero of the last complete interval is held.
+    /// All stationary intervals, interpolated linearly. If `causal`, as during recording, the last
+    /// complete interval's zero is held.
     Rests { causal: bool },
 }
 
@@ -46,11 +43,11 @@ pub struct LowPass {
 #[serde(rename_all = "snake_case")]
 pub enum RowRule {
     /// A frame at the time on its clock. Missing rows are held for the filter; means and integrals
-    /// are over time, with linear interpolation between rows.
+    /// are over time, linear between rows.
     #[default]
     Time,
-    /// A sample, as in the lab's notebooks: every row is a frame, the filter steps once per row,
-    /// and means are over rows. Energy sums each row's power times the time since the previous row.
+    /// A sample, as in the lab's notebooks: every row is a frame and a step of the filter, and
+    /// means are over rows. Energy sums each row's power times the time since the previous row.
     Rows,
 }
 
@@ -83,8 +80,7 @@ impl ForceOptions {
         rule: RowRule::Time,
     };
 
-    /// These options with a causal low-pass and zero, as needed during recording, or with both free
-    /// of delay.
+    /// These options with a causal low-pass and zero, as for recording, or with both free of delay.
     pub fn with_delay(mut self, causal: bool) -> Self {
         if let Some(low_pass) = &mut self.low_pass {
             low_pass.zero_phase = !causal;

@@ -1,5 +1,3 @@
-//! The force pipeline, and the search for tare and clock in the first rows of a log.
-
 use calibration::Calibration;
 use calibration::dynamics::ReferenceLag;
 use calibration::uncertainty::Tare;
@@ -13,22 +11,20 @@ use super::stationary::StationaryInterval;
 use super::tare::{FirstRows, StationaryZeros, TareSearch};
 use super::{ForceOptions, LowPass, RowRule, TareFrames, TareResult, TareRule};
 
-/// The pipeline from readings to forces, for one log. The default has the calibration's own zero
-/// and no filter, as [`ForceOptions::RAW`](super::ForceOptions::RAW) gives for any log.
+/// The pipeline from readings to forces, for one log. The default is that of
+/// [`ForceOptions::RAW`](super::ForceOptions::RAW).
 #[derive(Clone, Debug, Default)]
 pub struct ForcePipeline {
     pub(super) rule: RowRule,
-    /// The tare; if it follows the stationary intervals, the first one.
+    /// The first, if the tare follows the stationary intervals.
     pub tare: Option<Tare>,
-    /// The zeros to subtract in place of the tare's mean, if the tare follows the stationary
-    /// intervals.
+    /// Zeros that replace the tare's mean, if the tare follows the stationary intervals.
     pub(super) zeros: Option<StationaryZeros>,
     pub tare_result: Option<TareResult>,
     pub tare_frames: Option<TareFrames>,
-    /// The low-pass; `None` if forces are not filtered.
     pub low_pass: Option<AppliedLowPass>,
     pub(super) filter: Option<(Clock, BlockPlan)>,
-    /// The lag of the reference, if forces are to be given at their rows' time stamps on its clock.
+    /// The reference's lag, if forces are to be given at their rows' time stamps on its clock.
     pub lag: Option<ReferenceLag>,
 }
 
@@ -53,8 +49,8 @@ impl ForcePipeline {
         }
     }
 
-    /// The tared, unfiltered wrench of every row, N and N·m. The bits of a row do not depend on
-    /// other rows. Times, s, are used for a tare that follows the stationary intervals.
+    /// Tared, unfiltered wrench of every row, N and N·m, with bits independent of other rows.
+    /// Times, s, serve a tare that follows the stationary intervals.
     pub fn wrench(
         &self,
         calibration: &Calibration,
@@ -67,7 +63,7 @@ impl ForcePipeline {
         wrench
     }
 
-    /// Like [`Self::wrench`], but converts each of `frames` once, which rows refer to.
+    /// [`Self::wrench`], converting each of `frames`, which rows refer to, once.
     pub fn wrench_of_rows(
         &self,
         calibration: &Calibration,
@@ -100,8 +96,8 @@ impl ForcePipeline {
         }
     }
 
-    /// Starts low-pass and lag along `axes`. Begin with the first row of the log or, by time, with
-    /// the first [needed](super::PipelineSetup::needed_s) row.
+    /// Starts low-pass and lag along `axes`, from the first row of the log or the first
+    /// [needed](super::PipelineSetup::needed_s).
     pub fn stream(&self, axes: &[Axis]) -> ForceStream {
         let low_pass = self.filter.as_ref().map(|(clock, plan)| {
             let filters = axes.iter().map(|axis| (*axis, SignalFilter::new(plan.clone())));
@@ -112,8 +108,8 @@ impl ForcePipeline {
 }
 
 impl ForceStream {
-    /// Filters the next rows, at `times_s`. Returns the forces of the oldest pending rows, as far
-    /// as they are now known; a causal low-pass returns them all.
+    /// Filters the next rows, at `times_s`. Returns the forces that are now known; a causal
+    /// low-pass returns them all.
     ///
     /// # Errors
     /// [`FilterError::TooFewSamples`].
@@ -136,8 +132,6 @@ impl ForceStream {
         })
     }
 
-    /// The forces of all pending rows.
-    ///
     /// # Errors
     /// [`FilterError::TooFewSamples`].
     pub fn finish(&mut self) -> Result<PerAxis<Vec<f64>>, FilterError> {
@@ -171,8 +165,8 @@ impl PipelineSetup {
         setup
     }
 
-    /// Like [`Self::new`], for use during recording. A tare that follows the stationary intervals
-    /// searches only for the first; report all of them to [`ForcePipeline::follow`].
+    /// [`Self::new`] for recording. A tare that follows the stationary intervals searches only for
+    /// the first; report all of them to [`ForcePipeline::follow`].
     pub fn while_recording(options: ForceOptions) -> Self {
         let mut setup = Self::new(options);
         setup.tare.finder = None;
@@ -199,8 +193,7 @@ impl PipelineSetup {
         self.tare.is_done() && (!needs_clock || self.clock.is_done())
     }
 
-    /// The span of rows needed to compute the forces between two times, s, if the clock is
-    /// [known](ClockSearch::is_done).
+    /// Rows, s, needed for forces between two times, if the clock is [known](ClockSearch::is_done).
     ///
     /// # Errors
     /// [`ForceError::Filter`].
@@ -238,8 +231,6 @@ impl PipelineSetup {
         }
     }
 
-    /// Builds the pipeline.
-    ///
     /// # Errors
     /// [`ForceError`] if there were too few rows for tare or clock, or the filter is impossible.
     pub fn finish(self, calibration: &Calibration) -> Result<ForcePipeline, ForceError> {

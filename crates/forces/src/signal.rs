@@ -1,24 +1,24 @@
 //! Low-pass over one signal, given row by row on a grid that rows need not fill.
 //!
-//! The grid is divided into blocks of `2·m` slots, where m is the filter's memory. The output in
-//! block b comes from a filter that starts at slot `2·m·b − m` and, if it also runs backward, ends
-//! m slots after the block. Outputs thus depend only on nearby slots, and blocks are at fixed
-//! slots: a log read from its start and the rows around a window give the same bits.
+//! The grid is divided into blocks of `2·m` slots, with the filter's memory m. The filter of block
+//! b starts at slot `2·m·b − m` and, if it also runs backward, ends m slots after the block.
+//! Outputs depend only on nearby slots of fixed blocks: a log read from its start and the rows
+//! around a window give the same bits.
 
 use super::filter::{Butterworth, Filter, FilterError};
 
-/// The tolerance of an output relative to a filter over the whole log, as a share of the largest
-/// change of the signal: far below a step of the converter.
+/// Tolerance relative to a filter over the whole log, as a share of the signal's largest change:
+/// far below a converter step.
 const FORGOTTEN: f64 = 1e-12;
 
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct BlockPlan {
     design: Butterworth,
     zero_phase: bool,
-    /// Starts a causal filter at zero at the start of the log, as the lab's `lfilter` did after
-    /// taring; otherwise settled at the first value.
+    /// Starts a causal filter at zero, as the lab's `lfilter` did after taring, rather than settled
+    /// at the first value.
     at_rest: bool,
-    /// Number of slots after which the filter has forgotten the past; a longer gap is a pause.
+    /// Slots after which the filter has forgotten the past; a longer gap is a pause.
     memory: u64,
 }
 
@@ -51,14 +51,14 @@ impl BlockPlan {
         start.saturating_sub(self.memory)..end + after
     }
 
-    /// The slots whose rows are needed for the outputs from slot `first` to slot `last`: those that
-    /// the outputs depend on, plus enough on either side to detect a pause.
+    /// Slots that the outputs from slot `first` to slot `last` depend on, plus enough on either
+    /// side to detect a pause.
     pub(super) fn needed(&self, first: u64, last: u64) -> std::ops::Range<u64> {
         let (start, end) = (self.span(self.block(first)).start, self.span(self.block(last)).end);
         start.saturating_sub(self.memory)..end + self.memory + 1
     }
 
-    /// Outputs the rows of a block; the segment holds as much of the block's span as exists.
+    /// Outputs the rows of a block; the segment holds as much of it as exists.
     fn answer(
         &self,
         segment: &mut Segment,
@@ -86,9 +86,9 @@ impl SignalFilter {
         Self { plan, segment: None, running: None }
     }
 
-    /// Takes the next values, at ascending slots, and appends the outputs known so far to
-    /// `answers`, one per value, in order. A causal filter outputs them all. If values share a
-    /// slot, the last one counts for later outputs.
+    /// Takes the next values, at ascending slots, and appends the known outputs to `answers`, one
+    /// per value, in order. A causal filter outputs them all. Of values in one slot, the last one
+    /// counts for later outputs.
     ///
     /// # Errors
     /// Never for a causal filter.
@@ -107,8 +107,6 @@ impl SignalFilter {
         Ok(())
     }
 
-    /// Appends the pending outputs.
-    ///
     /// # Errors
     /// [`FilterError::TooFewSamples`] if the whole log is too short.
     pub(super) fn finish(&mut self, answers: &mut Vec<f64>) -> Result<(), FilterError> {
@@ -155,8 +153,8 @@ impl SignalFilter {
         Ok(())
     }
 
-    /// Outputs all pending rows. A segment too short to be filtered is continued by its last value,
-    /// unless it is the whole log.
+    /// Outputs pending rows. A segment too short for the filter, unless it is the whole log, is
+    /// continued by its last value.
     fn close(&mut self, is_whole_log: bool, answers: &mut Vec<f64>) -> Result<(), FilterError> {
         let Some(mut segment) = self.segment.take() else { return Ok(()) };
         let reach = self.plan.design.zero_phase_reach() as u64;
@@ -222,7 +220,7 @@ impl Segment {
 struct Running {
     start: u64,
     filter: Filter,
-    /// The filter of the next block, once it has begun to process slots.
+    /// The filter of the next block, once it has begun.
     next: Option<Filter>,
     slot: u64,
     value: f64,
@@ -276,7 +274,7 @@ mod tests {
         answers
     }
 
-    /// The whole signal on the grid, where later rows of a slot win, and the slots of the rows.
+    /// Signal on the grid, where later rows of a slot win, and the slots of the rows.
     fn spread(slots: &[u64], values: &[f64]) -> Vec<f64> {
         let mut even: Vec<f64> = Vec::new();
         for (&slot, &value) in slots.iter().zip(values) {

@@ -1,5 +1,4 @@
-//! Frames used as unloaded, with a check against the calibration's training data, and a zero that
-//! is taken during recording.
+//! Frames used as unloaded, a check by the training data, and a zero taken during recording.
 
 use calibration::Calibration;
 use calibration::quality::AxisQuality;
@@ -11,7 +10,7 @@ use shell_data::wrench::{Axis, AxisValues, PerAxis};
 use super::stationary::{STATIONARY_FRAMES, StationaryFinder, StationaryInterval};
 use super::{DEFAULT_TARE_FRAMES, ForceError, ForcePipeline, RowRule, TareRule};
 
-/// Number of frames summed at once: fixed, so the mean has the same bits however the log is cut.
+/// Frames summed at once: fixed, so the mean has the same bits however the log is cut.
 const CHUNK: usize = 4096;
 
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -27,7 +26,6 @@ pub(super) struct TareSearch {
     found_s: Option<(f64, f64)>,
     seen_s: Option<(f64, f64)>,
     pub(super) frames: Option<TareFrames>,
-    /// The zeros at the stationary intervals, if the tare follows them.
     zeros: Option<StationaryZeros>,
     /// The search; `None` if the caller searches, and only the first interval is needed here.
     pub(super) finder: Option<StationaryFinder>,
@@ -45,13 +43,13 @@ pub struct TareFrames {
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct TareResult {
     pub frames: usize,
-    /// Time of the first frame, s; `None` if the log has no time.
+    /// s; `None` if the log has no time.
     pub start_s: Option<f64>,
     pub end_s: Option<f64>,
-    /// The mean wrench, which was subtracted, N and N·m.
+    /// Subtracted, N and N·m.
     #[serde(serialize_with = "by_column")]
     pub wrench: AxisValues<f64>,
-    /// The standard deviation of the wrench about its mean, N and N·m.
+    /// N and N·m.
     #[serde(serialize_with = "by_column")]
     pub sd: AxisValues<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -62,11 +60,11 @@ pub struct TareResult {
 
 #[derive(Clone, Copy, Debug)]
 pub struct FirstRows<'a> {
-    /// Time of each row, s; empty if the log has no time.
+    /// s; empty if the log has no time.
     pub times_s: &'a [f64],
     pub readings: &'a [Vec<f64>],
     pub fresh: &'a [bool],
-    /// Position of the right leg at each row, counts, if known.
+    /// Counts.
     pub leg: Option<&'a [f64]>,
 }
 
@@ -87,7 +85,7 @@ impl TareSearch {
         }
     }
 
-    /// Returns true if all frames are found; the search for further stationary intervals continues.
+    /// Returns true if all frames are found; the search for further intervals continues.
     pub(super) fn is_done(&self) -> bool {
         self.is_over || (self.found >= self.wanted() && self.finder.is_none())
     }
@@ -166,8 +164,6 @@ impl TareSearch {
         });
     }
 
-    /// Builds a pipeline with the tare and its frames; without them for [`TareRule::Untared`].
-    ///
     /// # Errors
     /// [`ForceError::TareFrames`], [`ForceError::TareTime`] if there are too few frames.
     pub(super) fn finish(mut self, calibration: &Calibration) -> Result<ForcePipeline, ForceError> {
@@ -230,7 +226,7 @@ impl StationaryZeros {
         }
     }
 
-    /// The zero at a time, N and N·m; zero if there was no stationary interval.
+    /// N and N·m; zero if there was no stationary interval.
     pub(super) fn at(&self, time_s: f64) -> PerAxis<f64> {
         if self.causal {
             let next = self.knots.partition_point(|knot| knot.end_s <= time_s);
@@ -283,19 +279,18 @@ pub fn by_column<T: serde::Serialize, S: serde::Serializer>(
     serializer.collect_map(values.iter().map(|(axis, value)| (axis.column(), value)))
 }
 
-/// A tare wrench above this share of the largest training load is doubtful: a drifted zero and
-/// noise are below it.
+/// Share of the largest training load from which a tare is doubtful: drift and noise are below.
 const LOADED: f64 = 0.1;
 
-/// A tare wrench below this multiple of the calibration error is not a detectable load.
+/// Multiple of the calibration error below which a tare wrench is not a detectable load.
 const ERRORS: f64 = 4.0;
 
 const CONSEQUENCE: &str = "every force of this log is relative to it";
 
 impl TareResult {
-    /// The most serious reason to doubt that the frames were unloaded, if any: their mean wrench is
-    /// far from the zero of the calibration, or the wrench changes during the tare. `errors` and
-    /// `loads` belong to the training data.
+    /// The most serious reason to doubt that the frames were unloaded: their mean wrench is far
+    /// from the zero of the calibration, or changes during the tare. `errors` and `loads` belong to
+    /// the training data.
     pub fn doubt(&self, errors: &PerAxis<AxisQuality>, loads: &Excitation) -> Option<String> {
         let largest = loads.largest_loads();
         let excess = |of: &AxisValues<f64>| {
@@ -323,8 +318,8 @@ impl TareResult {
     }
 }
 
-/// The zero of a stream of wrenches, taken on request: the mean of the next [`DEFAULT_TARE_FRAMES`]
-/// wrenches. It is applied after tare and low-pass of the pipeline.
+/// The zero of a stream, taken on request: the mean of the next [`DEFAULT_TARE_FRAMES`] wrenches,
+/// after tare and low-pass.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RunningTare {
     pub zero: PerAxis<f64>,

@@ -1,5 +1,3 @@
-//! The ranges of the readings of a block of rows.
-
 use crate::error::FitError;
 use crate::reading_ranges::{ReadingRange, ReadingRanges};
 use shell_data::block::Block;
@@ -50,7 +48,6 @@ vectorised! {
         column.iter().fold(true, |all, x| all & x.is_finite())
     }
 
-    /// The smallest and the largest value of a column.
     pub fn range_of(column: &[f64]) -> ReadingRange {
         let (mut min, mut max) = ([f64::INFINITY; LANES], [f64::NEG_INFINITY; LANES]);
         let (chunks, rest) = column.as_chunks::<LANES>();

@@ -1,5 +1,4 @@
-//! Numbers of twice the precision of `f64`: the unevaluated sum of a head and a tail, with about 31
-//! decimal digits and the exponent range of `f64`.
+//! Unevaluated sums of a head and a tail: about 31 decimal digits, the exponent range of `f64`.
 //!
 //! The error-free transformations are by Knuth (TAOCP 2, §4.2.2) and Dekker (Numer. Math. 18,
 //! 1971), the operations the accurate ones of Joldes, Muller and Popescu (ACM TOMS 44, 2017), with
@@ -39,19 +38,15 @@ fn fast_two_sum(a: f64, b: f64) -> (f64, f64) {
 }
 
 impl DoubleDouble {
-    /// Zero.
     pub const ZERO: Self = Self { head: 0.0, tail: 0.0 };
-    /// One.
     pub const ONE: Self = Self { head: 1.0, tail: 0.0 };
 
-    /// Adds any two numbers exactly.
     #[inline(always)]
     pub fn from_sum(a: f64, b: f64) -> Self {
         let (head, tail) = two_sum(a, b);
         Self { head, tail }
     }
 
-    /// Multiplies two numbers exactly.
     #[inline(always)]
     pub fn from_product(a: f64, b: f64) -> Self {
         let (head, tail) = two_product(a, b);
@@ -70,25 +65,21 @@ impl DoubleDouble {
         Self { head: self.head * power_of_two, tail: self.tail * power_of_two }
     }
 
-    /// The nearest `f64`.
     #[inline(always)]
     pub const fn to_f64(self) -> f64 {
         self.head
     }
 
-    /// The remainder after rounding to the nearest `f64`.
     #[inline(always)]
     pub const fn tail(self) -> f64 {
         self.tail
     }
 
-    /// Returns true if head and tail are finite.
     pub fn is_finite(self) -> bool {
         self.head.is_finite() && self.tail.is_finite()
     }
 
-    /// The square root, by one step of Newton's method from the root of the head (Karp's trick).
-    /// Zero for zero, NaN for a negative number.
+    /// Square root, by a step of Newton's method (Karp's trick). NaN for a negative number.
     #[inline(always)]
     pub fn sqrt(self) -> Self {
         if self.head <= 0.0 {
@@ -189,7 +180,6 @@ mod tests {
     use super::*;
 
     impl DoubleDouble {
-        /// The magnitude.
         pub fn abs(self) -> Self {
             if self.head < 0.0 { -self } else { self }
         }
@@ -213,8 +203,8 @@ mod tests {
     }
 
     proptest! {
-        // Bounds proved in the paper for these algorithms: 3u² + 13u³ for the sum, 5u² for the
-        // product (u = 2⁻⁵³). Quotient and root get twice the bound of the product.
+        // Bounds proved in the paper: 3u² + 13u³ for the sum, 5u² for the product (u = 2⁻⁵³), twice
+        // that for quotient and root.
         #[test]
         fn operations_agree_with_exact_rational_arithmetic(a in number(), b in number()) {
             prop_assert!(close(a + b, &(exact(a) + exact(b)), 102));

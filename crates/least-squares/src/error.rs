@@ -1,5 +1,3 @@
-//! Errors of fits.
-
 use std::path::PathBuf;
 
 use crate::features::Features;
@@ -10,49 +8,36 @@ use crate::reading_ranges::ReadingRanges;
 use shell_data::hint::Hint;
 use shell_data::wrench::{Axes, Axis};
 
-/// The reason why a calibration cannot be fitted.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
-#[expect(missing_docs, reason = "a variant says what its fields are")]
 pub enum FitError {
-    /// Fewer rows than coefficients.
     #[error("`{rows}` rows are too few for the `{coefficients}` coefficients of each axis")]
     TooFewRows { rows: u64, coefficients: usize },
-    /// Every row has the same readings.
     #[error("all `{0}` rows have the same readings")]
     IdenticalRows(u64),
-    /// More coefficients than the solvers accept.
     #[error(transparent)]
     TooLarge(#[from] TooLarge),
-    /// The features are not independent.
     #[error("{0}")]
     RankDeficient(RankLoss),
-    /// The features are so nearly dependent that the solver fails or does not converge.
     #[error(transparent)]
     Solver(#[from] LeastSquaresError),
     /// The features are independent, but too nearly dependent to compute their coefficients.
     #[error("the features are so nearly dependent that their coefficients cannot be computed")]
     NearlyDependent,
-    /// The rows cannot be summed exactly; another solver can fit them.
     #[error("the exact solver cannot take these rows: {0}")]
     NotExact(#[from] ExactError),
-    /// An invalid time constant.
     #[error("a time constant of `{0}` is not positive")]
     TimeConstant(f64),
-    /// Memory terms or a lag in seconds were requested for a log without a clock.
     #[error("`{}` has no time column; the calibration's memory terms and lag need one", .0.display())]
     NoTime(PathBuf),
-    /// Memory terms or a lag were requested for rows that are reduced to means.
     #[error("memory terms and a lag need single rows, not means")]
     DynamicsOfMeans,
-    /// The model has features whose sums were not kept.
     #[error("the sums are for `{kept}` features, not for `{asked}`")]
     OtherFeatures {
-        /// The largest model that can be fitted.
+        /// Largest model that can be fitted.
         kept: String,
         asked: String,
     },
-    /// A value is infinite or not a number.
     #[error("`{column}` is not a finite number in row `{row}` of a block")]
     NotFinite {
         column: String,
@@ -62,45 +47,33 @@ pub enum FitError {
     /// Finite values whose features overflow.
     #[error("readings or wrenches are too large: products of them overflow")]
     Overflow,
-    /// The number of channels differs from that of the model.
     #[error("expected `{expected}` channels, found `{found}`")]
     Channels { expected: usize, found: usize },
-    /// A ridge parameter that is negative or not finite.
     #[error("the ridge parameter is `{0}`, expected a finite number that is not negative")]
     Ridge(f64),
-    /// The rows do not determine a physics model.
     #[error(transparent)]
     Physics(#[from] PhysicsError),
-    /// A physics model needs all six axes; the rows have fewer.
     #[error("the physics model needs all six axes of the wrench; found {0}")]
     PhysicsAxes(Axes),
-    /// Too few groups to hold one out.
     #[error("at least `2` groups are needed, found `{found}`")]
     TooFewGroups { found: usize },
-    /// Too many groups: the column probably holds no group labels.
     #[error("more than `{limit}` groups")]
     TooManyGroups { limit: usize },
-    /// More folds than groups, or fewer than two.
     #[error("`{folds}` folds of `{groups}` groups, expected `2` to the number of groups")]
     Folds { folds: usize, groups: usize },
-    /// No fold leaves enough rows to fit the model.
     #[error("the model cannot be fitted without any one of the groups: {0}")]
     Undetermined(Box<FitError>),
     /// Without some group a coefficient is undetermined, so that the scatter between groups is unknown.
     #[error("without {} the model cannot be fitted", names(groups))]
     Alone { groups: Vec<String> },
-    /// The rows determine no candidate model.
     #[error("the rows determine none of the models")]
     NoModel,
-    /// The rows have no group labels, and no groups were detected.
     #[error(
         "nothing to hold out: no groups, plateaus of constant load or jumps of time; add logs or `--group`"
     )]
     NoGroups,
-    /// The sums were not kept by group, but the request needs groups.
     #[error("the partial fits keep no sums of groups to hold out")]
     NoGroupSums,
-    /// The requested standard errors by group cannot be computed.
     #[error("no covariance by groups: {0}")]
     NoGroupCovariance(Box<FitError>),
     /// Weighted rows, for a method that needs equal or whole-number weights.
@@ -109,10 +82,8 @@ pub enum FitError {
     /// A log is a copy of another: it would be counted twice, or tested against itself.
     #[error("`{}` has the same rows as `{}`", later.display(), earlier.display())]
     Copy { earlier: PathBuf, later: PathBuf },
-    /// No rows are left to fit.
     #[error("no training rows are left")]
     NoRows,
-    /// The caller cancelled the computation.
     #[error("it was interrupted")]
     Interrupted,
 }
@@ -120,56 +91,42 @@ pub enum FitError {
 /// The largest number of rows: sums of 2³⁰ sixth powers of 16-bit readings stay below 2¹²⁶.
 pub const MAX_ROWS: u64 = 1 << 30;
 
-/// The reason why rows cannot be summed exactly.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
-#[expect(missing_docs, reason = "a variant says what its fields are")]
 pub enum ExactError {
     /// A reading is neither a 16-bit integer nor such an integer divided by a power of two or ten.
     #[error("reading `{value}` of channel `s{}` is no 16-bit integer, nor one divided by a power of 2 or 10", channel + 1)]
     NotAnInteger {
-        /// The channel, from 0.
+        /// From 0.
         channel: usize,
         value: f64,
     },
-    /// The readings of a channel span more than 16 bits.
     #[error("readings of channel `s{}` span more than 16 bits", channel + 1)]
     TooWide {
-        /// The channel, from 0.
+        /// From 0.
         channel: usize,
     },
-    /// A component of the wrench is infinite or not a number.
     #[error("`{}` has a value that is not finite", axis.name())]
     NotFinite { axis: Axis },
-    /// The magnitudes on an axis differ too much for fixed-point numbers.
     #[error("the magnitudes of `{}` span too many powers of two", axis.name())]
     TooManyPlaces { axis: Axis },
-    /// The model has memory terms, which are not integers.
     #[error("memory terms are not integers")]
     MemoryTerms,
-    /// More than [`MAX_ROWS`] rows.
     #[error("more than `{MAX_ROWS}` rows")]
     TooManyRows,
 }
 
-/// The reason why a physics model cannot be fitted.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
-#[expect(missing_docs, reason = "a variant says what its fields are")]
 pub enum PhysicsError {
-    /// Fewer observations than a sensor has parameters.
     #[error("`{found}` poses are too few for the `{needed}` parameters of a sensor")]
     TooFewObservations { found: usize, needed: usize },
-    /// Fewer varying channels than axes.
     #[error("`{0}` channels vary, at least `6` are needed for six axes")]
     TooFewChannels(usize),
-    /// Too many channels, or none.
     #[error("expected `1` to `16` channels, found `{0}`")]
     Channels(usize),
-    /// Too few groups to hold one out.
     #[error("at least `2` groups are needed to choose the priors, found `{0}`")]
     TooFewGroups(usize),
-    /// A value that is infinite or not a number.
     #[error("a reading or wrench is not a finite number")]
     NotFinite,
 }
@@ -219,7 +176,6 @@ impl Hint for FitError {
 }
 
 impl FitError {
-    /// Returns true if the error concerns the groups of the rows.
     pub fn is_about_groups(&self) -> bool {
         matches!(
             self,

@@ -1,7 +1,6 @@
-//! Features of readings: the columns of the design matrix. Every feature of degree two or three is
-//! the product of two earlier features, so a row costs one multiplication per column. Features of
-//! integer readings of up to 16 bits are exact in `f64`; others are in double-double where that
-//! matters, with the rounding errors as tails.
+//! Features of readings: the columns of the design matrix. Every feature of degree two or three is the product of two
+//! earlier ones. Features of integer readings of up to 16 bits are exact in `f64`; others are in double-double where
+//! that matters, with the rounding errors as tails.
 
 use std::ops::Range;
 
@@ -10,12 +9,10 @@ use crate::model::{Model, Term};
 use crate::scaling::Scaling;
 use shell_data::vectorised;
 
-/// The features of a model, in the order of its [terms](Model::terms), ready to evaluate.
+/// Features of a model, in the order of its [terms](Model::terms), ready to evaluate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Features {
-    /// The model.
     pub model: Model,
-    /// The scaling of the readings.
     pub scaling: Scaling,
     recipe: Vec<Recipe>,
 }
@@ -34,8 +31,6 @@ pub(crate) enum Recipe {
 }
 
 impl Features {
-    /// Prepares the features of `model` for readings standardised by `scaling`.
-    ///
     /// # Panics
     /// If the numbers of columns of `scaling` and `model` differ.
     pub fn new(model: Model, scaling: Scaling) -> Self {
@@ -44,12 +39,11 @@ impl Features {
         Self { model, scaling, recipe }
     }
 
-    /// Number of features, including the intercept.
+    /// Includes the intercept.
     pub fn len(&self) -> usize {
         self.recipe.len()
     }
 
-    /// Returns true if there are no channels and no intercept.
     pub fn is_empty(&self) -> bool {
         self.recipe.is_empty()
     }
@@ -58,9 +52,8 @@ impl Features {
         &self.recipe
     }
 
-    /// Fills `rows × len` features, column by column: feature `j` goes to
-    /// `columns[j·stride ..][..rows.len()]`, dimensionless. `readings` has one column per channel,
-    /// in counts.
+    /// Fills `rows × len` dimensionless features: feature `j` goes to `columns[j·stride ..][..rows.len()]`.
+    /// `readings` has one column per channel, in counts.
     ///
     /// # Panics
     /// If a reading column is shorter than `rows.end`, or `columns` is too short.
@@ -83,20 +76,18 @@ impl Features {
             (&readings[channel][start..], centre, factor)
         };
         match readings.first().map_or(LANES, |column| column.len() - start) {
-            // A compile-time constant.
             LANES.. => fill_columns(&self.recipe, columns, LANES, |j| j * LANES, reading),
             rows => fill_columns(&self.recipe, columns, rows, |j| j * LANES, reading),
         }
     }
 
-    /// The centre of a channel and the reciprocal of its scale, which is exact for a power of two.
+    /// Centre of a channel and reciprocal of its scale, which is exact for a power of two.
     #[inline(always)]
     pub fn standardise(&self, channel: usize) -> (f64, f64) {
         (self.scaling.centre[channel], self.scaling.scale[channel].recip())
     }
 
-    /// Computes features and their rounding errors, in the layout of [`Features::fill`]. Returns
-    /// true if any rounding error is nonzero.
+    /// Computes features and their rounding errors, as in [`Features::fill`]. Returns true if any error is nonzero.
     pub(super) fn fill_wide(
         &self,
         readings: &[Vec<f64>],
@@ -154,8 +145,8 @@ vectorised! {
     }
 }
 
-/// Fills columns with the features of `rows` rows. Feature `j` starts at `place(j)`; `reading`
-/// returns the column of a channel, its centre and the reciprocal of its scale.
+/// Fills columns with the features of `rows` rows, feature `j` from `place(j)`. `reading` returns the column of a
+/// channel, its centre and the reciprocal of its scale.
 #[inline(always)]
 pub(crate) fn fill_columns<'a>(
     recipe: &[Recipe],

@@ -1,16 +1,13 @@
-//! Groups of rows relative to a fit of all of them: the [scatter](crate::sandwich) of its coefficients over the
-//! groups, and fits without some groups.
+//! Groups of rows relative to a fit of all: the [scatter](crate::sandwich) of coefficients, and fits without some.
 //!
-//! With the `F` of the fit, `F·Fᵀ = (XᵀX + Λ)⁻¹`, the columns of `M = X·F` are orthonormal, but for a ridge.
-//! A group has
+//! With the `F` of the fit, `F·Fᵀ = (XᵀX + Λ)⁻¹`, columns of `M = X·F` are orthonormal, but for a ridge. A group has
 //!
 //! ```text
 //! M_g = X_g·F    E_g = W_g − X_g·C    K_g = M_gᵀM_g    u_g = M_gᵀE_g
 //! ```
 //!
-//! and the fit without it, with the same penalties Λ, is `C − F·(I − K_g)⁻¹·u_g`. No row is factored or read
-//! again. These equations are well conditioned for any features, so errors grow with κ(X), as those of `M`,
-//! and not with its square.
+//! and the fit without it, with the same penalties Λ, is `C − F·(I − K_g)⁻¹·u_g`, without another pass over the rows.
+//! For any features, errors of these equations grow with κ(X), as those of `M`, and not with its square.
 
 use std::ops::Range;
 
@@ -35,7 +32,6 @@ use shell_data::wrench::{Axis, PerAxis};
 /// Number of rows whose features are computed together, or the number of features if that is more.
 const CHUNK: usize = 1024;
 
-/// Groups relative to a fit of all their rows.
 #[derive(Debug)]
 pub struct FittedGroups<'a> {
     solution: &'a Solution,
@@ -64,19 +60,15 @@ enum Share {
     Products { gram: SymmetricMatrix, scores: Mat<f64> },
 }
 
-/// A fit without some groups.
 struct FitWithout {
     /// `U` with `UᵀU = I − K`: the factor of this fit is `F·U⁻¹`.
     root: UpperTriangle,
-    /// The change of the coefficients, in units of `F`: features × 6.
+    /// Change of the coefficients, in units of `F`: features × 6.
     change: Mat<f64>,
-    /// The products of its residuals.
     residual_products: Mat<f64>,
 }
 
 impl<'a> FittedGroups<'a> {
-    /// Reduces groups of rows in memory, each with its label.
-    ///
     /// # Errors
     /// [`FitError::TooManyGroups`] if they take too much memory; [`FitError::Interrupted`].
     pub fn from_rows(
@@ -98,8 +90,6 @@ impl<'a> FittedGroups<'a> {
         Ok(Self { solution, groups: map(&groups, workers, reduce)? })
     }
 
-    /// Converts the R factors of groups, with any centres.
-    ///
     /// # Errors
     /// [`FitError::NearlyDependent`] if features of the solution were not kept.
     pub fn from_factors(
@@ -116,20 +106,17 @@ impl<'a> FittedGroups<'a> {
             let errors = z - &r * &coefficients;
             let ones: Vec<f64> = r.col(r.ncols() - 1).iter().copied().collect();
             group.add(x.as_ref(), errors, &ones, solution);
-            // Without features, rows of the R factor have errors all the same.
             group.products = rows.r_factor.residual_products(coefficients.as_ref());
             Ok(group)
         };
         Ok(Self { solution, groups: map(&rows.groups, workers, convert)? })
     }
 
-    /// Number of groups.
     pub fn count(&self) -> usize {
         self.groups.len()
     }
 
-    /// The scatter of the coefficients over the groups, on request with its degrees of freedom. Omits the bias
-    /// from a ridge or a truncation.
+    /// Scatter of the coefficients over the groups, without the bias from a ridge or a truncation.
     ///
     /// # Errors
     /// [`FitError`] if some group alone determines a coefficient, or the features are too nearly dependent.
@@ -155,20 +142,17 @@ impl<'a> FittedGroups<'a> {
         sums.finish(&UpperTriangle::new(&self.solution.factor))
     }
 
-    /// The errors of the fit on a group.
     pub(crate) fn errors(&self, group: usize) -> PerAxis<HeldOutErrors> {
         self.groups[group].errors()
     }
 
-    /// The mean variance of predictions on a group that comes from the coefficients, if these scatter as in
-    /// `scatter`.
+    /// Mean variance of predictions on a group, if the coefficients scatter as in `scatter`.
     pub(crate) fn variance(&self, group: usize, scatter: &GroupScatter) -> PerAxis<f64> {
         let FittedGroup { share, rows, .. } = &self.groups[group];
         share.variance(scatter, *rows)
     }
 
-    /// The mean and the scatter of the errors on a group, in standard errors, from the fit to all others;
-    /// `None` if these do not determine it.
+    /// Mean and scatter of a group's errors, in standard errors, from the fit to all others; `None` if undetermined.
     pub(crate) fn score_without(&self, held_out: usize) -> Option<GroupScore> {
         let group = &self.groups[held_out];
         let without = self.without(held_out..held_out + 1, group.share.gram())?;
@@ -188,8 +172,8 @@ impl<'a> FittedGroups<'a> {
         Some(score_of(&errors, &variance, &scatter, self.solution.rows - group.rows))
     }
 
-    /// Like [`score_without`](Self::score_without) for the groups of each file, from the fit without the file,
-    /// in standard errors of the fit to all rows.
+    /// [`score_without`](Self::score_without) for groups of a file, from the fit without it, in standard errors of
+    /// the fit to all rows.
     pub(crate) fn scores_of_files(
         &self,
         files: &[Range<usize>],
@@ -219,7 +203,7 @@ impl<'a> FittedGroups<'a> {
         map(files, workers, of_file).ok()?.into_iter().collect()
     }
 
-    /// The fit without some groups, whose `K_g` add up to `shares`; `None` if the others do not determine it.
+    /// Fit without some groups, whose `K_g` add up to `shares`; `None` if the others do not determine it.
     fn without(&self, groups: Range<usize>, shares: SymmetricMatrix) -> Option<FitWithout> {
         let size = shares.size;
         let mut scores = Mat::zeros(size, Axis::ALL.len());
@@ -241,8 +225,7 @@ impl<'a> FittedGroups<'a> {
 }
 
 impl Solution {
-    /// The solution without some of its rows; `None` if these alone determine some of the coefficients, so that
-    /// too few digits would remain. Condition number and rank stay unchanged.
+    /// Solution without some of its rows, with condition and rank unchanged; `None` if too few digits would remain.
     pub fn without(&self, rows: &Block) -> Option<Self> {
         let features = Features::new(self.model, self.scaling.clone());
         let mut group = FittedGroup::new(String::new(), rows.rows, features.len());
@@ -265,7 +248,6 @@ impl Solution {
 }
 
 impl FittedGroup {
-    /// A group of `rows` rows, before they are added.
     fn new(label: String, rows: usize, features: usize) -> Self {
         let (rows, axes) = (rows as u64, Axis::ALL.len());
         let share = Share::Rows { features: Mat::zeros(0, features), errors: Mat::zeros(0, axes) };
@@ -283,8 +265,7 @@ impl FittedGroup {
         self.add(x, errors, &vec![1.0; rows], solution);
     }
 
-    /// Adds rows with the features `x` and the errors `errors`, or an orthogonal transformation of both and of
-    /// a column of ones.
+    /// Adds rows with the features `x` and the `errors`, or an orthogonal transformation of both and of ones.
     fn add(&mut self, x: MatRef<'_, f64>, errors: Mat<f64>, ones: &[f64], solution: &Solution) {
         use BlockStructure::{Rectangular, TriangularUpper};
         let mut features = Mat::zeros(x.nrows(), x.ncols());
@@ -326,7 +307,6 @@ impl FittedGroup {
         }
     }
 
-    /// The errors of the fit.
     fn errors(&self) -> PerAxis<HeldOutErrors> {
         self.errors_after(&Mat::zeros(self.column_sums.len(), Axis::ALL.len()))
     }
@@ -392,7 +372,7 @@ impl Share {
         }
     }
 
-    /// The variance of predictions from coefficients that scatter as in `scatter`: the mean over the rows.
+    /// Mean over the rows of the prediction variance, if coefficients scatter as in `scatter`.
     fn variance(&self, scatter: &GroupScatter, rows: u64) -> PerAxis<f64> {
         let mean = |scores: &Vec<Vec<f64>>| {
             scores.iter().map(|score| self.square(score)).sum::<f64>() / rows.max(1) as f64
@@ -413,7 +393,7 @@ impl Share {
 }
 
 impl FitWithout {
-    /// The share of a group in this fit. `inverse` is `U⁻¹`.
+    /// Share of a group in this fit. `inverse` is `U⁻¹`.
     fn share(&self, share: &Share, inverse: &UpperTriangle) -> Share {
         match share {
             Share::Rows { features, errors } => {
@@ -435,7 +415,6 @@ fn gram_times(gram: &SymmetricMatrix, columns: &Mat<f64>) -> Mat<f64> {
     by_column(columns, |column| gram.times(&column))
 }
 
-/// Replaces each column by a function of it.
 fn by_column(columns: &Mat<f64>, of: impl Fn(Vec<f64>) -> Vec<f64>) -> Mat<f64> {
     let new: Vec<_> =
         columns.col_iter().map(|column| of(column.iter().copied().collect())).collect();

@@ -1,5 +1,4 @@
-//! Rows by group, as references into the blocks that were read: a copy would take as much memory
-//! again.
+//! Rows by group, as references into the blocks that were read: a copy would double the memory.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -12,29 +11,23 @@ use shell_data::dataset::{Dataset, sample};
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::Axes;
 
-/// The largest number of groups.
 pub const MAX_GROUPS: usize = 2000;
 
-/// Rows of a data set by group.
 #[derive(Clone, Debug, Default)]
 pub struct GroupedRows {
     blocks: Vec<Arc<Block>>,
-    /// Runs in ascending order of groups, and within a group in the order of the data set.
+    /// In ascending order of groups, and within a group in the order of the data set.
     pub runs: Vec<Run>,
 }
 
-/// Consecutive rows of a group in a block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Run {
     group: u32,
     block: u32,
     first: u32,
-    /// Number of rows.
     pub rows: u32,
 }
 
-/// Converts the number of a block, of a group, or of a row in a block.
-///
 /// # Panics
 /// If it is 2³² or more.
 fn index(at: usize) -> u32 {
@@ -42,8 +35,7 @@ fn index(at: usize) -> u32 {
 }
 
 impl GroupedRows {
-    /// Groups the rows by the labels of a data set. Also returns the labels of groups 0, 1, … in
-    /// the order of their first rows.
+    /// Groups the rows by the labels of a data set. Returns the labels of groups 0, 1, … in the order of first rows.
     pub fn from_labels(data: &Dataset) -> (Self, Vec<String>) {
         let (mut labels, mut positions) = (Vec::<String>::new(), HashMap::new());
         let mut rows = Self::default();
@@ -63,7 +55,7 @@ impl GroupedRows {
         (rows, labels)
     }
 
-    /// Groups the rows by the fold of a split. Rows that are never held out form the last group.
+    /// Groups the rows by fold. Rows that are never held out form the last group.
     pub fn from_split(data: &Dataset, split: &RandomSplit) -> Self {
         let mut rows = Self::default();
         for (_, block) in data.blocks() {
@@ -83,14 +75,13 @@ impl GroupedRows {
         rows
     }
 
-    /// Adds rows of the block that is added next.
     fn push(&mut self, group: usize, rows: Range<usize>) {
         let (group, block) = (index(group), index(self.blocks.len()));
         let (first, rows) = (index(rows.start), index(rows.len()));
         self.runs.push(Run { group, block, first, rows });
     }
 
-    /// Regroups the rows: group g becomes part of group `groups[g]`.
+    /// Makes group g part of group `groups[g]`.
     pub fn regrouped(&self, groups: &[usize]) -> Self {
         let into = |run: &Run| Run { group: index(groups[run.group as usize]), ..*run };
         let mut runs: Vec<Run> = self.runs.iter().map(into).collect();
@@ -104,36 +95,32 @@ impl GroupedRows {
         Self { blocks: self.blocks.clone(), runs }
     }
 
-    /// Number of rows.
     pub fn row_count(&self) -> usize {
         count(&self.runs)
     }
 
-    /// The runs of each group with rows.
     pub fn groups(&self) -> impl Iterator<Item = &[Run]> {
         self.runs.chunk_by(|a, b| a.group == b.group)
     }
 
-    /// The runs of one group; empty if it has no rows.
+    /// Empty if it has no rows.
     pub fn group(&self, group: usize) -> &[Run] {
         let before = |end: usize| self.runs.partition_point(|run| (run.group as usize) < end);
         &self.runs[before(group)..before(group + 1)]
     }
 
-    /// A column over some runs. Positions 0 to 5 are the axes in N and N·m, then follow the
-    /// readings in counts.
+    /// A column over some runs. Positions 0 to 5 are axes in N and N·m, followed by readings in counts.
     pub fn column(&self, runs: &[Run], position: usize) -> impl Iterator<Item = f64> {
         runs.iter().flat_map(move |run| self.of_run(run, position).iter().copied())
     }
 
-    /// The part of a column in one run.
     pub fn of_run(&self, run: &Run, position: usize) -> &[f64] {
         let Block { wrench, readings, .. } = &*self.blocks[run.block as usize];
         let column = if position < 6 { &wrench[position] } else { &readings[position - 6] };
         &column[run.first as usize..(run.first + run.rows) as usize]
     }
 
-    /// The variance of a column over some runs; `position` is as in [`column`](Self::column).
+    /// Variance over some runs; `position` is as in [`column`](Self::column).
     pub fn spread(&self, runs: &[Run], position: usize) -> RunningVariance {
         let mut all = RunningVariance::default();
         for run in runs {
@@ -160,12 +147,11 @@ impl GroupedRows {
         })
     }
 
-    /// Number of channels; 0 without rows.
+    /// 0 without rows.
     pub fn channels(&self) -> usize {
         self.blocks.first().map_or(0, |block| block.channels().len())
     }
 
-    /// A copy of the rows, group by group, with the label of each group.
     pub fn to_block(&self, labels: &[String]) -> Block {
         let counts = self.groups().map(count);
         let groups = labels.iter().cloned().zip(counts).collect();
@@ -181,18 +167,16 @@ impl GroupedRows {
         Dataset::from_blocks("groups", Axes::ALL, self.groups().filter_map(labelled).collect())
     }
 
-    /// All rows of the data set, including rows without a group.
+    /// Includes rows without a group.
     pub fn all<'a>(&'a self, workers: Workers<'a>) -> Rows<'a> {
         Rows::from_blocks(self.blocks.iter().map(|block| &**block), workers)
     }
 
-    /// A small sample of all rows of the data set.
     pub fn sample(&self) -> Block {
         sample(self.blocks.iter().map(|block| &**block))
     }
 }
 
-/// Every n-th row of some runs, starting with the first.
 pub fn every_nth(runs: &[Run], n: usize) -> Vec<Run> {
     let mut before = 0;
     let nth = |run: &Run| {
@@ -205,13 +189,12 @@ pub fn every_nth(runs: &[Run], n: usize) -> Vec<Run> {
     runs.iter().flat_map(nth).collect()
 }
 
-/// Number of rows.
 pub fn count(runs: &[Run]) -> usize {
     runs.iter().map(|run| run.rows as usize).sum()
 }
 
 impl Run {
-    /// The group, from 0.
+    /// From 0.
     pub fn group(&self) -> u64 {
         self.group.into()
     }

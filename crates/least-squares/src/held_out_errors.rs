@@ -6,26 +6,21 @@ use shell_data::wrench::PerAxis;
 /// The level of the intervals whose coverage is counted.
 pub const COVERAGE_LEVEL: f64 = 0.95;
 
-/// Sums of the errors on rows that were not fitted, on one axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct HeldOutErrors {
-    /// Number of rows.
     pub rows: u64,
-    /// Sum of errors, predicted minus measured, in N or N·m.
+    /// Predicted minus measured, in N or N·m.
     pub sum: f64,
-    /// Sum of squared errors.
     pub squares: f64,
 }
 
 impl HeldOutErrors {
-    /// Adds the rows of `other`.
     pub fn merge(&mut self, other: &HeldOutErrors) {
         self.rows += other.rows;
         self.sum += other.sum;
         self.squares += other.squares;
     }
 
-    /// Adds up the sums of all parts, for each axis.
     pub fn total<'a>(parts: impl IntoIterator<Item = &'a PerAxis<Self>>) -> PerAxis<Self> {
         let mut total = PerAxis::<Self>::default();
         for part in parts {
@@ -34,12 +29,12 @@ impl HeldOutErrors {
         total
     }
 
-    /// Root mean square of the errors; NaN for zero rows.
+    /// NaN for zero rows.
     pub fn rms(&self) -> f64 {
         (self.squares / self.rows as f64).sqrt()
     }
 
-    /// Mean of the errors; NaN for zero rows.
+    /// NaN for zero rows.
     pub fn bias(&self) -> f64 {
         self.sum / self.rows as f64
     }

@@ -5,13 +5,12 @@
 //! ```
 //!
 //! Rows are reduced to small, mergeable results: [`exact`] sums of integer readings, with the same
-//! bits in any order, or [R factors](factored) of any readings. Through [`sums`], both support
+//! bits in any order, or [R factors](factored) of any readings. [`sums`] of both support
 //! [cross-validation](validation), model selection and the [covariance of
-//! coefficients](uncertainty) without the rows. [`solver`] passes over rows in place, on several
-//! threads ([`passes`]), by one of several [methods]. No files, clocks or printing.
+//! coefficients](uncertainty). [`solver`] passes over rows in place ([`passes`]), by one of several
+//! [methods]. No files, clocks or printing.
 
 #![forbid(unsafe_code)]
-#![warn(missing_docs)]
 
 pub mod block_ranges;
 pub mod double_double;

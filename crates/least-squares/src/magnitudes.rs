@@ -1,23 +1,21 @@
-//! Streaming histograms of magnitudes, with bins of equal ratio. The leading bits of a number are
-//! its bin, so counting costs one shift. A quantile is interpolated within its bin: the error is at
-//! most 1.6 %, and much smaller for dense numbers. Histograms merge in any order to the same
-//! result.
+//! Streaming histograms of magnitudes, with bins of equal ratio. The leading bits of a number are its bin, so
+//! counting costs one shift. Interpolated quantiles err by at most 1.6 %, and much less for dense numbers. Histograms
+//! merge in any order.
 
-/// A histogram of up to 2³² magnitudes: `2^BITS` bins per factor of two, over `OCTAVES` factors of
-/// two. Zero and tiny numbers share the lowest bin.
+/// Up to 2³² magnitudes: `2^BITS` bins per factor of two, over `OCTAVES` factors of two. Zero and tiny numbers share
+/// the lowest bin.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Histogram<const BITS: u32, const OCTAVES: u64> {
     counts: Vec<u32>,
 }
 
-/// A histogram with the resolution that prediction intervals need.
+/// Resolution of prediction intervals.
 pub type Magnitudes = Histogram<6, 24>;
 
-/// A histogram for the scale of a robust fit: quantiles to 0.4 %, even if outliers made the unit
-/// large.
+/// Scale of a robust fit: quantiles to 0.4 %, even if outliers made the unit large.
 pub type FineMagnitudes = Histogram<8, 48>;
 
-/// The power of two from which on numbers share the last bin.
+/// Power of two from which on numbers share the last bin.
 const TOP: u64 = 8;
 
 impl<const BITS: u32, const OCTAVES: u64> Default for Histogram<BITS, OCTAVES> {
@@ -27,7 +25,7 @@ impl<const BITS: u32, const OCTAVES: u64> Default for Histogram<BITS, OCTAVES> {
 }
 
 impl<const BITS: u32, const OCTAVES: u64> Histogram<BITS, OCTAVES> {
-    /// The leading bits of the first number beyond the last bin.
+    /// Leading bits of the first number beyond the last bin.
     const END: u64 = (1023 + TOP) << BITS;
     const BINS: usize = (OCTAVES << BITS) as usize;
 
@@ -39,7 +37,6 @@ impl<const BITS: u32, const OCTAVES: u64> Histogram<BITS, OCTAVES> {
         self.counts[bin.clamp(0, Self::BINS as i64 - 1) as usize] += 1;
     }
 
-    /// Adds the numbers of `other`.
     pub fn merge(&mut self, other: &Self) {
         add_counts(&mut self.counts, &other.counts);
     }
@@ -49,7 +46,7 @@ impl<const BITS: u32, const OCTAVES: u64> Histogram<BITS, OCTAVES> {
         self.quantiles(&[share])[0]
     }
 
-    /// The quantiles at several fractions, in ascending order.
+    /// In ascending order.
     pub fn quantiles(&self, shares: &[f64]) -> Vec<f64> {
         let all = self.counts.iter().map(|&n| u64::from(n)).sum::<u64>() as f64;
         let edge = |bin: usize| {

@@ -1,10 +1,9 @@
 //! The features of a calibration and their order.
 //!
-//! A feature is a product of up to three readings, in the order of the lab's own tools: `cubic`
-//! goes channel by channel (s1, s1², s1³, s2, …); the models with cross terms go degree by degree,
-//! each in lexicographic order (s1, …, s8, s1², s1·s2, …); `cubic+products` has the terms of
-//! `cubic`, then the products of two channels. The linear memory terms follow: for each time
-//! constant, one per channel. The intercept, the empty product, comes last.
+//! A feature is a product of up to three readings, in the order of the lab's own tools: `cubic` goes channel by
+//! channel (s1, s1², s1³, s2, …); models with cross terms go degree by degree, each lexicographic (s1, …, s8, s1²,
+//! s1·s2, …); `cubic+products` has the terms of `cubic`, then the products of two channels. Linear memory terms
+//! follow, for each time constant one per channel. The intercept, the empty product, comes last.
 
 /// A family of features.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -25,21 +24,19 @@ pub enum Basis {
 }
 
 impl Basis {
-    /// All bases, from the smallest to the largest.
+    /// From the smallest to the largest.
     pub const ALL: [Basis; 5] =
         [Basis::Linear, Basis::Cubic, Basis::Quadratic, Basis::CubicProducts, Basis::Poly3];
 
-    /// The name in files and on the command line.
+    /// Name in files and on the command line.
     pub const fn name(self) -> &'static str {
         self.facts().0
     }
 
-    /// A short description of the features.
     pub const fn description(self) -> &'static str {
         self.facts().1
     }
 
-    /// The largest number of readings in one product.
     pub const fn degree(self) -> usize {
         self.facts().2
     }
@@ -66,7 +63,6 @@ pub const MAX_CHANNELS: usize = 255;
 /// Most coefficients per axis: equations of some 40 MB, and a time that grows with the cube.
 pub const MAX_TERMS: usize = 2200;
 
-/// A model with too many coefficients.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "`{}` with `{}` channels has `{}` coefficients, at most `{MAX_TERMS}` can be fitted: {}",
@@ -86,16 +82,13 @@ fn fitting(model: &Model) -> String {
     format!("use `{}`, or at most `{most}` channels", names.join("`, `"))
 }
 
-/// The features of a calibration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Model {
-    /// The family of features.
     pub basis: Basis,
-    /// True if a constant is fitted too.
     pub intercept: bool,
-    /// Number of channels; including memory terms at most 255.
+    /// Including memory terms at most 255.
     pub channels: usize,
-    /// Number of time constants. Each adds a memory term for every channel; 0 for none.
+    /// Each time constant adds a memory term for every channel; 0 for none.
     #[serde(default, skip_serializing_if = "is_none")]
     pub memory: usize,
 }
@@ -150,7 +143,7 @@ impl Model {
         self.channels * (1 + self.memory)
     }
 
-    /// The terms in the order of the coefficients.
+    /// In the order of the coefficients.
     pub fn terms(&self) -> Vec<Term> {
         let index = |column: usize| u8::try_from(column).expect("at most 255 columns");
         let channels = index(self.channels);
@@ -182,7 +175,6 @@ impl Model {
         terms
     }
 
-    /// Number of [terms](Self::terms).
     pub fn term_count(&self) -> usize {
         let n = self.channels;
         let pairs = n * (n + 1) / 2;
@@ -196,8 +188,7 @@ impl Model {
         features + self.memory * n + usize::from(self.intercept)
     }
 
-    /// The displayed name of a term: that of [`Term::name`], or for a memory term `s2-EMA3(s2)`,
-    /// where 3 is the number of the time constant.
+    /// Displayed name: that of [`Term::name`], or for a memory term `s2-EMA3(s2)` with the time constant's number.
     pub fn term_name(&self, term: &Term) -> String {
         match term.factors() {
             &[column] if usize::from(column) >= self.channels => {

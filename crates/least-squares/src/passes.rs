@@ -1,7 +1,6 @@
-//! Passes over rows in memory, on several threads, with the same bits for any number of them.
-//! Threads take one block after another; results are folded in block order, by whichever thread has
-//! finished the next one. Results that do not depend on order ([`Pass::ANY_ORDER`]) are summed in
-//! one state per thread and merged at the end.
+//! Passes over rows in memory, with the same bits for any number of threads. Threads take one block
+//! after another; whichever has finished the next one folds results in block order. Results in any
+//! order ([`Pass::ANY_ORDER`]) are summed in one state per thread and merged at the end.
 
 use std::collections::VecDeque;
 use std::panic::resume_unwind;
@@ -13,41 +12,36 @@ use shell_data::block::Block;
 use shell_data::dataset::Dataset;
 use shell_data::lock::lock;
 
-/// The threads for a computation, and callbacks for its progress.
 #[derive(Clone, Copy, Default)]
 pub struct Workers<'a> {
     /// Number of threads; 0 for one per core. Results do not depend on it.
     pub threads: usize,
     /// Called with the number of rows that a pass has just handled; returns false to cancel.
     pub watch: Option<&'a (dyn Fn(usize) -> bool + Sync)>,
-    /// Called with the number of completed folds of the physics model, or splits of a replay, and
-    /// their total number.
+    /// Called with the numbers of completed and all folds of physics models, or splits of a replay.
     pub folds: Option<&'a (dyn Fn(usize, usize) + Sync)>,
     /// Called at the start of each stage of a fit, with its name.
     pub stages: Option<&'a (dyn Fn(&'static str) + Sync)>,
 }
 
 impl Workers<'_> {
-    /// `threads` threads without callbacks; 0 for one per core.
+    /// 0 threads: one per core.
     pub fn new(threads: usize) -> Self {
         Self { threads, ..Self::default() }
     }
 
-    /// Reports that a stage starts.
     pub fn start(&self, stage: &'static str) {
         if let Some(told) = self.stages {
             told(stage);
         }
     }
 
-    /// Reduces the number of threads to one if the blocks are too small for more.
     fn worth<'b>(self, blocks: impl Iterator<Item = &'b Block>) -> Self {
         let numbers = blocks.map(|block| block.rows * (block.readings.len() + 6)).sum::<usize>();
         let threads = if self.threads == 0 && numbers < WORTH_A_THREAD { 1 } else { self.threads };
         Self { threads, ..self }
     }
 
-    /// One thread without callbacks.
     pub const ONE: Self = Self { threads: 1, watch: None, folds: None, stages: None };
 }
 
@@ -57,11 +51,11 @@ impl std::fmt::Debug for Workers<'_> {
     }
 }
 
-/// The number of cores. Determined once, because the system reads several files for it.
+/// Determined once, because the system reads several files for it.
 static AVAILABLE_THREADS: LazyLock<usize> =
     LazyLock::new(|| std::thread::available_parallelism().map_or(1, usize::from));
 
-/// The number of values that one thread handles in the time that starting another thread takes.
+/// Values that one thread handles in the time that starting another takes.
 const WORTH_A_THREAD: usize = 1 << 16;
 
 /// Blocks that can be passed over repeatedly, always in the same order.
@@ -72,18 +66,16 @@ pub struct Rows<'a> {
 }
 
 impl<'a> Rows<'a> {
-    /// The rows of a data set.
     pub fn new(data: &'a Dataset, workers: Workers<'a>) -> Self {
         Self { blocks: data.blocks().map(|(_, block)| &*block.rows).collect(), workers }
     }
 
-    /// The rows of some blocks.
     pub fn from_blocks(blocks: impl IntoIterator<Item = &'a Block>, workers: Workers<'a>) -> Self {
         Self { blocks: blocks.into_iter().collect(), workers }
     }
 
-    /// Reduces every block and merges the results, in block order if the order matters. Every
-    /// reduction starts from `empty`, the result for zero rows.
+    /// Reduces every block from `empty`, the result for zero rows, and merges the results, in block
+    /// order if it matters.
     ///
     /// # Errors
     /// [`FitError`] if the pass rejects a block, or [`Workers::watch`] cancels it.
@@ -133,10 +125,9 @@ impl<'a> From<&'a Block> for Rows<'a> {
     }
 }
 
-/// The result of a pass over rows. It starts as the result for zero rows.
+/// The result of a pass over rows.
 pub trait Pass: Clone + Send + Sync {
-    /// True if `merge` is commutative and associative, bit for bit, so that the result does not
-    /// depend on the order and grouping of the rows.
+    /// True if `merge` is commutative and associative, bit for bit: row order does not matter.
     const ANY_ORDER: bool = false;
 
     /// Rows to reduce together if the order matters: a merge may cost as much as adding that many.
@@ -144,7 +135,7 @@ pub trait Pass: Clone + Send + Sync {
         1
     }
 
-    /// Adds the rows of a block. May be called on any thread.
+    /// Adds the rows of a block, on any thread.
     ///
     /// # Errors
     /// [`FitError`] if the solver cannot use these readings or wrenches; discard `self` then.
@@ -157,12 +148,11 @@ pub trait Pass: Clone + Send + Sync {
     fn merge(&mut self, later: Self) -> Result<(), FitError>;
 }
 
-/// Passes every item to `work`, on as many threads as its rows justify; see [`on_threads`].
-/// `rows_of` returns the block of an item.
+/// Passes every item to `work`, on as many threads as its block, `rows_of`, is worth; see
+/// [`on_threads`].
 ///
 /// # Errors
-/// The first error of `work` or `fold` in the order of the items; [`FitError::Interrupted`] if
-/// [`Workers::watch`] cancels.
+/// The first error of `work` or `fold` in order; [`FitError::Interrupted`] by [`Workers::watch`].
 pub fn each<I: Sync, S: Send, T: Send>(
     items: &[I],
     rows_of: impl Fn(&I) -> &Block + Sync,
@@ -187,7 +177,7 @@ pub fn map<I: Sync, T: Send>(
     map_folds(items, Workers { folds: None, ..workers }, work)
 }
 
-/// Like [`map`], for folds that take seconds each: reports progress to [`Workers::folds`].
+/// [`map`] for folds that take seconds each: reports progress to [`Workers::folds`].
 ///
 /// # Errors
 /// As [`each`].
@@ -209,7 +199,7 @@ pub fn map_folds<I: Sync, T: Send>(
 }
 
 /// Passes every item to `work`, on any thread, and the results to `fold`, in the order of the
-/// items. Reports the rows of each item to [`Workers::watch`]. Returns the states of the threads,
+/// items. Reports the rows of each to [`Workers::watch`]. Returns the states of the threads,
 /// created by `init`.
 pub fn on_threads<I: Sync, S: Send, T: Send>(
     items: &[I],
@@ -220,8 +210,7 @@ pub fn on_threads<I: Sync, S: Send, T: Send>(
     fold: impl FnMut(T) -> Result<(), FitError> + Send,
 ) -> Result<Vec<S>, FitError> {
     let threads = match workers.threads {
-        // A browser has no other threads. With the constant condition, the code that starts them is
-        // not compiled.
+        // A browser has no other threads. The constant condition removes the code that starts them.
         _ if cfg!(target_family = "wasm") => 1,
         0 => *AVAILABLE_THREADS,
         threads => threads,
@@ -238,7 +227,7 @@ pub fn on_threads<I: Sync, S: Send, T: Send>(
                 let goes_on = workers.watch.is_none_or(|watch| watch(rows_of(item)));
                 if goes_on { Ok(value) } else { Err(FitError::Interrupted) }
             });
-            // A poisoned lock means that a thread has panicked; that panic is propagated.
+            // A thread that panics poisons the lock; its panic is propagated.
             if !lock(&folded).add(position, result) {
                 return state;
             }
@@ -261,7 +250,7 @@ pub fn on_threads<I: Sync, S: Send, T: Send>(
 
 struct OrderedFold<T, F> {
     next: usize,
-    /// The results from there on; `None` for those still missing.
+    /// `None` for results still missing.
     waiting: VecDeque<Option<Result<T, FitError>>>,
     fold: F,
     outcome: Result<(), FitError>,

@@ -1,5 +1,3 @@
-//! Wrenches as linear combinations of features of the readings.
-
 use std::collections::HashMap;
 
 use crate::double_double::DoubleDouble;
@@ -10,18 +8,15 @@ use crate::solution::Solution;
 use shell_data::vectorised;
 use shell_data::wrench::PerAxis;
 
-/// The model `W = X(s)·C`: features of standardised readings, and their coefficients.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Polynomial {
-    /// The features.
     pub features: Features,
     /// One row per [term](Model::terms), in N and N·m per unit of the feature of standardised readings.
     pub coefficients: Vec<PerAxis<f64>>,
 }
 
 impl Polynomial {
-    /// Builds the model from coefficients for standardised readings, one row per
-    /// [term](Model::terms), in N and N·m per unit of the feature.
+    /// Takes coefficients for standardised readings, one row per [term](Model::terms), in N and N·m per feature.
     ///
     /// # Panics
     /// If the numbers of coefficients and terms, or of scalings and channels, differ.
@@ -31,20 +26,17 @@ impl Polynomial {
         Self { features, coefficients }
     }
 
-    /// The model.
     pub fn model(&self) -> Model {
         self.features.model
     }
 
-    /// The scaling of the readings.
     pub fn scaling(&self) -> &Scaling {
         &self.features.scaling
     }
 
-    /// The coefficients for powers of raw readings: one row per [term](Model::terms), in N and N·m
-    /// per product of counts. Labs exchange calibrations in this form, which needs no centre or
-    /// scale; it can lose digits where terms cancel, so use the shifted form for prediction. A
-    /// feature is `Π (sᵢ − cᵢ)/kᵢ` over its factors, which is expanded in double-double, so each
+    /// Coefficients for powers of raw readings: one row per [term](Model::terms), in N and N·m per product of counts.
+    /// Labs exchange calibrations in this form, without centre or scale; it can lose digits where terms cancel, so
+    /// use the shifted form for prediction. Products `Π (sᵢ − cᵢ)/kᵢ` are expanded in double-double, so each
     /// coefficient is rounded only once.
     pub fn raw_coefficients(&self) -> Vec<PerAxis<f64>> {
         let terms = self.model().terms();
@@ -76,8 +68,7 @@ impl Polynomial {
         raw.into_iter().map(|row| row.map(DoubleDouble::to_f64)).collect()
     }
 
-    /// Computes the wrench of the first `rows` rows. The sum over features uses fused
-    /// multiply-adds, so the bits are the same on any machine.
+    /// Computes the wrench of the first `rows` rows, with fused multiply-adds: the bits are the same on any machine.
     pub fn wrench(&self, readings: &[Vec<f64>], rows: usize, wrench: &mut PerAxis<Vec<f64>>) {
         wrench.iter_mut().for_each(|axis| axis.resize(rows, 0.0));
         convert(self, readings, rows, wrench);
@@ -104,8 +95,7 @@ vectorised! {
         for start in (0..rows).step_by(LANES) {
             polynomial.features.lanes(readings, start, &mut features);
             let mut sums = [[0.0; LANES]; 6];
-            // Two vectors of rows at a time. Their twelve sums fit in registers and are enough to
-            // hide the latency of additions.
+            // Two vectors of rows at a time: their twelve sums fit in registers and hide the latency of additions.
             for vector in (0..LANES / S::F64_LANES).step_by(2) {
                 let mut vectors = [[simd.splat_f64s(0.0); 2]; 6];
                 for (feature, coefficients) in features.iter().zip(&polynomial.coefficients) {

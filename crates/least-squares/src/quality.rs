@@ -1,10 +1,9 @@
-//! The quality of a calibration: errors against a measured wrench, block by block.
+//! Errors against a measured wrench, block by block.
 
 use shell_data::statistics::RunningVariance;
 use shell_data::vectorised;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Running sums of prediction errors on one axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AxisErrors {
     error: RunningVariance,
@@ -15,19 +14,17 @@ pub struct AxisErrors {
 /// Prediction errors on one axis, in N or N·m.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct AxisQuality {
-    /// Root mean square of the error.
     pub rms: f64,
-    /// Largest magnitude of the error; absent if only sums over the rows are known.
+    /// Largest magnitude; absent if only sums over the rows are known.
     pub max: Option<f64>,
-    /// Mean error, predicted minus measured.
+    /// Predicted minus measured.
     pub bias: f64,
-    /// Coefficient of determination, 1 − Σ error² / Σ (measured − mean)²; absent if the measured
-    /// wrench is constant.
+    /// 1 − Σ error² / Σ (measured − mean)²; absent if the measured wrench is constant.
     pub r_squared: Option<f64>,
 }
 
 impl AxisErrors {
-    /// The errors of one block; `predicted` and `measured` have the same length, in N or N·m.
+    /// Errors of one block, in N or N·m.
     ///
     /// # Panics
     /// If the lengths differ.
@@ -36,19 +33,17 @@ impl AxisErrors {
         axis_errors(predicted, measured)
     }
 
-    /// Adds the rows of `other`.
     pub fn merge(&mut self, other: &AxisErrors) {
         self.error.merge(&other.error);
         self.measured.merge(&other.measured);
         self.max = self.max.max(other.max);
     }
 
-    /// Number of rows.
     pub fn rows(&self) -> u64 {
         self.error.count
     }
 
-    /// The quality; `None` for zero rows.
+    /// `None` for zero rows.
     pub fn quality(&self) -> Option<AxisQuality> {
         let RunningVariance { count, mean, squares } = self.error;
         let total = self.measured.squares;
@@ -66,7 +61,6 @@ pub fn errors(predicted: &PerAxis<Vec<f64>>, measured: &[Vec<f64>]) -> PerAxis<A
     std::array::from_fn(|axis| AxisErrors::new(&predicted[axis], &measured[axis]))
 }
 
-/// Adds the rows of `other` to `all`, axis by axis.
 pub fn merge(all: &mut PerAxis<AxisErrors>, other: &PerAxis<AxisErrors>) {
     all.iter_mut().zip(other).for_each(|(all, other)| all.merge(other));
 }

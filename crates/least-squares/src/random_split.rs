@@ -3,22 +3,18 @@
 use shell_data::block::Block;
 use shell_data::fingerprint::row_hashes;
 
-/// A random assignment of rows to folds, for comparison with folds of groups.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct RandomSplit {
-    /// Number of folds that all rows are assigned to.
     #[serde(rename = "random_folds")]
     pub folds: usize,
-    /// Number of folds that are summed, to be held out. From some thousand rows, two of ten folds
-    /// determine an error to 1 %, at a fifth of the work.
+    /// Folds to be held out. From some thousand rows, two of ten determine an error to 1 %, at a
+    /// fifth of the work.
     #[serde(rename = "held_out_folds")]
     pub held_out: usize,
-    /// The seed of the assignment.
     pub seed: u64,
 }
 
-/// The rows of each held-out fold. A row's fold is a hash of its values and the seed: equal rows
-/// share a fold, whatever the blocks and other columns of a log.
+/// Rows of each held-out fold, by a hash of values and seed: equal rows share a fold in any log.
 pub fn assign(block: &Block, split: &RandomSplit) -> Vec<Vec<usize>> {
     let mut assigned = vec![Vec::new(); split.held_out];
     if split.held_out == 0 {

@@ -1,5 +1,5 @@
-//! The channels and features that cause a loss of rank, from the R factor alone: its columns have
-//! the lengths and angles of the columns of features, so channels can be compared without the rows.
+//! Causes of a loss of rank, from the R factor alone: lengths and angles of its columns are those
+//! of the features.
 
 use std::fmt;
 
@@ -14,22 +14,18 @@ use crate::reading_ranges::ReadingRanges;
 /// A relation that holds in every row of the training data, except for rounding.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Dependence {
-    /// A channel, counted from 0, that always has the same value, in counts.
+    /// A channel, from 0, that always has the same value.
     Constant {
-        /// The channel.
         channel: usize,
-        /// The constant value.
+        /// Counts.
         value: f64,
     },
     /// `s[second] = ratio·s[first] + offset`, channels counted from 0, offset in counts.
     Line {
-        /// The first channel.
         first: usize,
-        /// The second channel.
         second: usize,
         /// Counts of the second per count of the first.
         ratio: f64,
-        /// Value of the second channel where the first is 0.
         offset: f64,
     },
     /// Features with coefficients, the largest being one, whose sum is always zero.
@@ -38,39 +34,35 @@ pub enum Dependence {
     Relation(Relation),
 }
 
-/// A feature that is a combination of others in every row.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Relation {
-    /// The feature.
     pub feature: Term,
-    /// The features whose sum it is, with their coefficients in counts, simplest features first.
-    /// Empty, and not [`Self::exact`], if the coefficients are not fractions of moderate size.
+    /// Features whose sum it is, with coefficients in counts, simplest first. Empty, and not
+    /// [`Self::exact`], if these are not fractions of moderate size.
     pub shares: Vec<(Term, f64)>,
     /// True if the relation was found and checked in exact integers.
     pub exact: bool,
 }
 
-/// The number of independent features, and the relations that make the others depend on them.
+/// Number of independent features, and the relations that make the others depend on them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RankLoss {
-    /// Number of independent features.
     pub rank: usize,
-    /// Number of features.
     pub features: usize,
-    /// The relations found, constant channels first.
+    /// Constant channels first.
     pub dependences: Vec<Dependence>,
 }
 
-/// Relative distance below which a column is a combination of two others. Rounding is some hundred
-/// times smaller; one count in a 16-bit reading is a billion times larger.
+/// Relative distance below which a column combines two others. Rounding is some hundred times
+/// smaller, one count of 16 bits a billion times larger.
 const SAME_LINE: f64 = 1e-13;
 
 /// Coefficients of a combination below this are rounding errors and omitted.
 const NEGLIGIBLE_SHARE: f64 = 1e-6;
 
 impl RankLoss {
-    /// Explains a rank loss. `r` is the p × p R factor of the features; `null_space`, p × (p −
-    /// rank), contains directions in which its columns, scaled to norm one, cancel.
+    /// Explains a rank loss from the p × p R factor `r` and `null_space`, p × (p − rank),
+    /// directions in which its columns, scaled to norm one, cancel.
     pub fn explain(
         features: &Features,
         ranges: &ReadingRanges,
@@ -90,8 +82,7 @@ impl RankLoss {
         Self { rank: features.len() - null_space.ncols(), features: features.len(), dependences }
     }
 
-    /// Explains a rank loss by relations that were found in integers. Omits relations of constant
-    /// channels.
+    /// Explains a rank loss by relations found in integers, without those of constant channels.
     pub(crate) fn from_relations(
         rank: usize,
         features: usize,
@@ -106,7 +97,6 @@ impl RankLoss {
     }
 }
 
-/// Pairs of channels in which one is a linear function of the other.
 fn lines(features: &Features, r: MatRef<'_, f64>, channels: &[usize]) -> Vec<Dependence> {
     let column_of = |wanted: Recipe| features.recipe().iter().position(|&recipe| recipe == wanted);
     let constant = column_of(Recipe::One).map(|j| r.col(j));
@@ -132,7 +122,6 @@ fn lines(features: &Features, r: MatRef<'_, f64>, channels: &[usize]) -> Vec<Dep
     found
 }
 
-/// Returns `slope` and `offset` of `y = slope·x + offset·one`, if that holds.
 fn line(
     x: ColRef<'_, f64>,
     y: ColRef<'_, f64>,
@@ -149,8 +138,8 @@ fn line(
     (distance <= SAME_LINE * y.norm_l2()).then_some((slope, y_mean - slope * x_mean))
 }
 
-/// A basis of the same space in which each direction has a feature that no other direction has:
-/// Gauss–Jordan elimination on columns, with the largest remaining element as the pivot.
+/// Basis of the same space in which each direction has a feature of its own: Gauss–Jordan
+/// elimination on columns, with the largest remaining element as the pivot.
 fn echelon(mut v: Mat<f64>) -> Mat<f64> {
     for k in 0..v.ncols() {
         let pivots = (k..v.ncols()).flat_map(|j| (0..v.nrows()).map(move |i| (i, j)));
@@ -227,7 +216,7 @@ impl Relation {
 
 impl fmt::Display for Relation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        /// Number of terms to show; longer sums are truncated.
+        /// Terms to show.
         const SHOWN: usize = 8;
         let name = self.feature.name();
         if !self.exact {

@@ -1,25 +1,23 @@
-//! The scatter of coefficients if errors are correlated within groups of rows, from sums over the
-//! groups.
+//! The scatter of coefficients if errors are correlated within groups of rows.
 //!
-//! Let `F·Fᵀ = A⁻¹`, with `A = XᵀX` over all rows. For each group of rows with the Gram matrix
-//! `A_g` and the score `s_g = X_gᵀ(W_g − X_g·C)`, and each axis,
+//! Let `F·Fᵀ = A⁻¹`, with `A = XᵀX` over all rows. For each group of rows with the Gram matrix `A_g` and the score
+//! `s_g = X_gᵀ(W_g − X_g·C)`, and each axis,
 //!
 //! ```text
 //! K_g = FᵀA_gF    u_g = Fᵀs_g    v_g = (I − K_g)^(−½)·u_g
 //! cov(C) = F·(Σ v_g·v_gᵀ)·Fᵀ
 //! ```
 //!
-//! This is the sandwich estimator over clusters with the correction CR2 of Bell and McCaffrey
-//! (Survey Methodology 28, 2002, p. 169), who use the residuals `(I − H_g)^(−½)·e_g`,
-//! `H_g = X_gA⁻¹X_gᵀ`. `A_g` and `s_g`, from exact sums or R factors, are sufficient because
+//! This is the sandwich estimator over clusters with the correction CR2 of Bell and McCaffrey (Survey Methodology 28,
+//! 2002, p. 169), who use the residuals `(I − H_g)^(−½)·e_g`, `H_g = X_gA⁻¹X_gᵀ`. `A_g` and `s_g` suffice because
 //! `Xᵀ·f(X·A⁻¹·Xᵀ) = f(XᵀX·A⁻¹)·Xᵀ`. Likewise
 //!
 //! ```text
 //! Σ e_gᵀ(I − H_g)⁻¹e_g = Σ eᵀe + Σ u_gᵀ(I − K_g)⁻¹u_g
 //! ```
 //!
-//! whose mean over all rows is the variance of one row. It is unbiased if errors are independent,
-//! and also if a group has one and the same error and equal readings.
+//! whose mean over all rows is the variance of one row: unbiased for independent errors, and for groups of one error
+//! and equal readings.
 
 use faer::{Accum, ColRef, Mat, MatRef, RowRef};
 
@@ -40,26 +38,23 @@ pub(crate) const ALONE: f64 = 1e-8;
 /// The largest deviation of the sum of all `K_g` from the identity.
 const LARGEST_DEFECT: f64 = 1e-4;
 
-/// The scatter of the coefficients over groups of rows.
 #[derive(Clone, Debug)]
 pub struct GroupScatter {
-    /// Number of groups with rows.
     pub groups: usize,
-    /// For each axis an upper triangular `T`, `T·Tᵀ = cov(C)`. Rows are features of centred and
-    /// scaled readings, in N and N·m.
+    /// Upper triangular `T` of each axis, `T·Tᵀ = cov(C)`, for features of centred and scaled readings, in N and N·m.
     pub factors: PerAxis<Mat<f64>>,
     /// `v_g` of each group, for each axis.
     pub(crate) scores: PerAxis<Vec<Vec<f64>>>,
     /// `Σ e_gᵀ(I − H_g)⁻¹e_g`, in products of N and N·m.
     pub residual_products: PerAxis<PerAxis<f64>>,
-    /// The fraction of the squared errors that the rows of a group share: their mean, squared.
+    /// Fraction of the squared errors that the rows of a group share: their mean, squared.
     pub shared: PerAxis<f64>,
     /// Satterthwaite's degrees of freedom of the variance of each coefficient, if they were requested.
     pub degrees_of_freedom: Option<Vec<f64>>,
 }
 
 impl GroupScatter {
-    /// The covariance of the errors of one row, from `rows` rows, in products of N and N·m.
+    /// Covariance of the errors of one row, from `rows` rows, in products of N and N·m.
     pub fn residual_covariance(&self, rows: u64) -> PerAxis<PerAxis<f64>> {
         self.residual_products.map(|row| row.map(|product| product / rows as f64))
     }
@@ -71,7 +66,7 @@ pub(crate) struct ScatterSums {
     /// `v_g` of every group that does not determine a direction alone.
     scores: PerAxis<Vec<Vec<f64>>>,
     products: PerAxis<PerAxis<f64>>,
-    /// The identity minus all `K_g`, if the `K_g` must add up to it.
+    /// Identity minus all `K_g`, if these must add up to it.
     pub(crate) defect: Option<SymmetricMatrix>,
     alone: Vec<String>,
     common: PerAxis<f64>,
@@ -87,7 +82,7 @@ pub(crate) struct Part {
 }
 
 impl ScatterSums {
-    /// Starts before any group, with the degrees of freedom of `coefficients` coefficients.
+    /// Starts before any group, with degrees of freedom for `coefficients` coefficients.
     pub(crate) fn new(solution: &Solution, coefficients: usize) -> Self {
         let features = solution.factor.nrows();
         // Without a ridge, and if no direction was dropped, the `K_g` must add up to the identity.
@@ -99,7 +94,7 @@ impl ScatterSums {
         }
     }
 
-    /// Starts the sums for a fit with these products of residuals, without checks of its features.
+    /// Starts from these products of residuals, without checks of the features.
     pub(crate) fn of_products(products: &Mat<f64>) -> Self {
         Self {
             groups: 0,
@@ -142,11 +137,10 @@ impl ScatterSums {
         }
     }
 
-    /// The scatter, after all groups. The units of `F` determine the units of the covariance.
+    /// The scatter, after all groups. The units of `F` determine those of the covariance.
     ///
     /// # Errors
-    /// [`FitError`] if one group alone determines a coefficient, or the features are too nearly
-    /// dependent.
+    /// [`FitError`] if one group alone determines a coefficient, or the features are too nearly dependent.
     pub(crate) fn finish(self, factor: &UpperTriangle) -> Result<GroupScatter, FitError> {
         let features = factor.size();
         if let Some(defect) = &self.defect {
@@ -177,9 +171,8 @@ impl ScatterSums {
     }
 }
 
-/// The part of a group from `K_g`, features × features, `u_g`, and the `y` of
-/// [`coefficients`](crate::satterthwaite::coefficients); `None` if the group determines a direction
-/// alone.
+/// Part of a group from `K_g`, features × features, `u_g`, and the `y` of
+/// [`coefficients`](crate::satterthwaite::coefficients); `None` if the group determines a direction alone.
 pub(crate) fn corrected(
     share: &SymmetricMatrix,
     score: Scores,
@@ -194,9 +187,8 @@ pub(crate) fn corrected(
     Ok(Some(Part { scores, influences: corrected.iter().map(influence).collect() }))
 }
 
-/// The part of a group from `M`, rows × features, and `e`, rows × axes, with `K_g = MᵀM` and
-/// `u_g = Mᵀe`. With fewer rows than features it uses `(I − K_g)^(−½)·Mᵀ = Mᵀ·(I − M·Mᵀ)^(−½)`.
-/// Also returns `K_g`, if it was computed or `wants_share` is true.
+/// Part of a group from `M`, rows × features, and `e`, rows × axes: `K_g = MᵀM`, `u_g = Mᵀe`. Fewer rows than
+/// features use `(I − K_g)^(−½)·Mᵀ = Mᵀ·(I − M·Mᵀ)^(−½)`. Also returns `K_g`, if computed or `wants_share`.
 pub(crate) fn corrected_rows(
     rows: MatRef<'_, f64>,
     misfit: MatRef<'_, f64>,
@@ -214,7 +206,6 @@ pub(crate) fn corrected_rows(
         return Ok((Some(share.clone()), part));
     }
     let Some(correction) = Correction::new(gram(rows))? else { return Ok((share, None)) };
-    // Mᵀ times some columns.
     let back = |of: &[Vec<f64>]| {
         rows.transpose() * Mat::from_fn(rows.nrows(), of.len(), |row, column| of[column][row])
     };
@@ -248,7 +239,6 @@ impl Correction {
         Ok((!is_alone).then_some(Self { eigen, rest }))
     }
 
-    /// Corrects a vector for each axis, and others.
     fn apply(
         &self,
         axes: Scores,

@@ -1,9 +1,8 @@
 //! The degrees of freedom of variances from groups, by Satterthwaite's approximation.
 //!
-//! The variance that the [scatter over groups](crate::sandwich) gives a combination `xᵀC` of
-//! coefficients is a quadratic form of the errors. If these are independent and equally large, it
-//! has the first two moments of a multiple of chi-squared with ν degrees of freedom. With
-//! `y = Fᵀx`,
+//! The [scatter over groups](crate::sandwich) gives a combination `xᵀC` of coefficients a variance
+//! that is a quadratic form of the errors. If these are independent and equally large, its first
+//! two moments are those of a multiple of chi-squared with ν degrees of freedom. With `y = Fᵀx`,
 //!
 //! ```text
 //! w_g = K_g·(I − K_g)^(−½)·y    d_g = yᵀK_g·(I − K_g)⁻¹·y    θ_gh = δ_gh·d_g − w_gᵀw_h
@@ -11,9 +10,9 @@
 //! ```
 //!
 //! (Bell & McCaffrey, Survey Methodology 28, 2002, p. 169; Pustejovsky & Tipton, J. Bus. Econ.
-//! Stat. 36, 2018, p. 672). `Σ (w_gᵀw_h)²` over all pairs is the squared Frobenius norm of
-//! `Σ w_g·w_gᵀ`, so groups can be added one after another. Few groups with large readings make most
-//! of the variance: 32 poses of a load cell have 5 to 8 degrees of freedom for slopes, not 31.
+//! Stat. 36, 2018, p. 672). `Σ (w_gᵀw_h)²` over all pairs is the squared Frobenius norm of `Σ
+//! w_g·w_gᵀ`, so groups can be added one after another. A few groups with large readings dominate:
+//! 32 poses of a load cell have 5 to 8 degrees of freedom for slopes, not 31.
 
 use crate::solution::Solution;
 use crate::symmetric::{SymmetricMatrix, UpperTriangle, add_multiple, product};
@@ -21,8 +20,8 @@ use crate::symmetric::{SymmetricMatrix, UpperTriangle, add_multiple, product};
 /// Every coefficient takes a symmetric matrix of this order.
 const MOST_FEATURES: usize = 200;
 
-/// `y = Fᵀx` for each coefficient. Empty if the degrees of freedom are not defined: a ridge biases
-/// the coefficients, and a dropped direction leaves some of them undetermined.
+/// `y = Fᵀx` for each coefficient; empty with a ridge, which biases coefficients, or a dropped
+/// direction, which leaves some undetermined.
 pub(crate) fn coefficients(solution: &Solution) -> Vec<Vec<f64>> {
     let factor = UpperTriangle::new(&solution.factor);
     let features = factor.size();

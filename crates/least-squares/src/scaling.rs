@@ -1,29 +1,28 @@
 //! Shift and scale of readings before powers are computed. Raw cubic features of 12-bit readings
-//! span ten orders of magnitude and are nearly collinear; relative to their mean they are not. The
-//! shift is an integer and the scale a power of two, so every feature of integer readings of up to
-//! 16 bits is an exact `f64`.
+//! span ten orders of magnitude and are nearly collinear; relative to their mean they are not.
+//! Shifts are integers and scales powers of two, so every feature of integer readings of up to 16
+//! bits is an exact `f64`.
 
 use shell_data::statistics::extremes;
 
 /// The standardisation of readings: `z = (s − centre) / scale`, channel by channel.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Scaling {
-    /// The offset that is subtracted, in counts. Zero for models without an intercept.
+    /// Counts. Zero for models without an intercept.
     pub centre: Vec<f64>,
-    /// The divisor, in counts: a power of two.
+    /// Counts: a power of two.
     pub scale: Vec<f64>,
 }
 
 impl Scaling {
-    /// No shift and no scaling: features of raw readings.
+    /// No shift and no scaling.
     pub fn identity(channels: usize) -> Self {
         Self { centre: vec![0.0; channels], scale: vec![1.0; channels] }
     }
 
-    /// Chooses centre and scale from a sample of the readings, one column per channel. The centre
-    /// is the rounded mean; the scale is the next power of two above the largest distance from it,
-    /// so |z| ≤ 1 over the sample. Without an intercept the centre is zero: powers of a shifted
-    /// reading span those of the reading only together with a constant.
+    /// Chooses centre, the rounded mean, and scale, the next power of two above the largest
+    /// distance from it, so |z| ≤ 1 over the sample. Without an intercept the centre is zero:
+    /// powers of a shifted reading span those of the reading only together with a constant.
     pub fn from_sample(readings: &[Vec<f64>], intercept: bool) -> Self {
         Self::from_channels(readings.iter().map(|column| ChannelSample::new(column)), intercept)
     }
@@ -56,8 +55,8 @@ impl ChannelSample {
         Self { min, max, mean, integers: column.iter().all(|s| s.fract() == 0.0) }
     }
 
-    /// The mean, rounded to an integer. If readings have decimals and stay within a few counts, it
-    /// is rounded to a power-of-two fraction of their range, which keeps the subtraction exact.
+    /// Rounded to an integer or, for decimals within a few counts, to a power-of-two fraction of
+    /// the range: the subtraction stays exact.
     fn rounded_mean(&self) -> f64 {
         let Self { min, max, mean, integers } = *self;
         if min > max {
@@ -86,7 +85,6 @@ fn power_of_two_above(value: f64) -> f64 {
     if power.recip().is_normal() && power.is_finite() { power } else { 1.0 }
 }
 
-/// Returns true if division by `value` is exact.
 pub fn is_power_of_two(value: f64) -> bool {
     value > 0.0 && value.recip().is_normal() && value.to_bits().trailing_zeros() >= 52
 }

@@ -1,5 +1,3 @@
-//! The result of a fit.
-
 use faer::Mat;
 
 use crate::features::Features;
@@ -11,9 +9,7 @@ use crate::scaling::Scaling;
 /// the order of [`Model::terms`]; axes are in the order of [`shell_data::wrench::Axis::ALL`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solution {
-    /// The features.
     pub model: Model,
-    /// Centre and scale of the readings.
     pub scaling: Scaling,
     /// `C`, features × 6, in N and N·m.
     pub coefficients: Mat<f64>,
@@ -21,13 +17,11 @@ pub struct Solution {
     pub factor: Mat<f64>,
     /// `(W − X·C)ᵀ(W − X·C)`, 6 × 6, in products of N and N·m.
     pub residual_products: Mat<f64>,
-    /// Number of rows fitted.
     pub rows: u64,
-    /// Condition number of the features, with columns scaled to norm one.
+    /// With columns scaled to norm one.
     pub condition: f64,
-    /// Number of independent features.
     pub rank: usize,
-    /// λ of the ridge, as requested or as found by the solver.
+    /// λ, as requested or as found by the solver.
     pub ridge: f64,
 }
 

@@ -1,5 +1,4 @@
-//! From rows to coefficients: the common part of all solvers. A solver reduces blocks of rows to
-//! partial fits, merges them in the order of the rows and solves the result.
+//! Rows to coefficients, for all solvers: blocks are reduced to partial fits, merged in row order, and solved.
 
 pub use crate::methods::SolverKind;
 pub use crate::passes::{Pass, Rows, Workers};
@@ -16,20 +15,17 @@ use crate::scaling::{ChannelSample, Scaling};
 use shell_data::block::Block;
 use shell_data::wrench::Axis;
 
-/// The input of a solver, without the rows.
+/// Input of a solver, without the rows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FitProblem {
-    /// The features.
     pub model: Model,
-    /// Centre and scale of the readings.
     pub scaling: Scaling,
-    /// λ ≥ 0 of a ridge on columns of norm one; the intercept is not penalised. 0 for no ridge.
+    /// λ ≥ 0 on columns of norm one; the intercept is not penalised. 0 for no ridge.
     pub ridge: f64,
 }
 
-/// Sums over the readings of all rows, which give centre and scale to a ridge fit. A ridge
-/// penalises the coefficients of powers relative to the centre; with the mean of a sample the
-/// result would depend on the order of the rows.
+/// Sums over all readings, for centre and scale of a ridge fit. A ridge penalises the coefficients of powers relative
+/// to the centre; with the mean of a sample the result would depend on the order of the rows.
 #[derive(Clone, Debug)]
 pub struct ReadingSums {
     ranges: ReadingRanges,
@@ -39,7 +35,6 @@ pub struct ReadingSums {
 }
 
 impl ReadingSums {
-    /// The result for zero rows.
     pub fn new(channels: usize) -> Self {
         Self {
             ranges: ReadingRanges::new(channels),
@@ -48,7 +43,7 @@ impl ReadingSums {
         }
     }
 
-    /// Centre and scale of the rows; without `intercept`, readings are not shifted.
+    /// Centre and scale; without `intercept`, readings are not shifted.
     pub fn scaling(&self, intercept: bool) -> Scaling {
         let Self { ranges, sums, integers } = self;
         let channel = |i: usize| ChannelSample {
@@ -82,7 +77,7 @@ impl Pass for ReadingSums {
     }
 }
 
-/// Fits `problem` with the given solver. Also returns the ranges of the fitted readings.
+/// Fits `problem` with the given solver. Returns the ranges of the fitted readings, too.
 ///
 /// # Errors
 /// [`FitError`] if the rows do not determine the coefficients, or not for this solver.
@@ -92,7 +87,6 @@ pub fn fit(
     rows: &Rows<'_>,
 ) -> Result<(Solution, ReadingRanges), FitError> {
     if kind == SolverKind::Exact {
-        // One pass is enough, and its sums contain the ranges.
         let moments = exact_sums(problem.model, rows)?;
         let ranges = moments.reading_ranges();
         return Ok((moments.solve(&problem.model, problem.ridge)?.solution, ranges));
@@ -100,7 +94,7 @@ pub fn fit(
     fit_by(kind.into(), problem, rows)
 }
 
-/// The exact sums of the rows, for [`ExactSums::solve`] and everything else that uses them.
+/// Sums the rows exactly, as for [`ExactSums::solve`].
 ///
 /// # Errors
 /// [`FitError::NotExact`] if they cannot be exact.
@@ -124,7 +118,7 @@ impl Pass for Accumulator {
     }
 }
 
-/// Like [`fit`], by a method of [`methods`] on the features.
+/// Fits like [`fit`], by a method of [`methods`] on the features.
 ///
 /// # Errors
 /// As [`fit`].
@@ -176,14 +170,14 @@ impl methods::RowSource for FeatureRows<'_> {
     }
 }
 
-/// Multiplies rows by the square roots of their weights, which weights their squares.
+/// Multiplies rows by the square roots of their weights.
 fn scale_rows(columns: &mut [f64], stride: usize, weights: &[f64]) {
     for column in columns.chunks_mut(stride) {
         column.iter_mut().zip(weights).for_each(|(x, weight)| *x *= weight.sqrt());
     }
 }
 
-/// A reduction of features as a pass over blocks. It also determines the ranges of the readings.
+/// Reduction of features, with the ranges of the readings, as a pass over blocks.
 #[derive(Clone)]
 struct OverFeatures<'a, R> {
     features: &'a Features,

@@ -5,9 +5,6 @@
 //! | [`ExactSums`] | integers, or decimals of few digits | subtracted exactly | the same bits in any order |
 //! | [R factors](crate::factored) | any | the other groups are merged | sums of rounded products would cancel |
 //! | rows by group | any | downdated from the fit, or fitted again if the solver clips rows | an R factor of each group costs more |
-//!
-//! [`RowSums`] and [`GroupedSums`] fit, hold groups out, choose a model and compute a covariance
-//! for any kind.
 
 use std::ops::Range;
 
@@ -31,7 +28,6 @@ use crate::validation::grouped::SumsByGroup;
 use crate::validation::selection::{self, Advice, Candidate, Selection};
 use shell_data::wrench::PerAxis;
 
-/// The reduced form of rows, in memory and in a document.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "SumsDocument")]
 pub enum RowSums {
@@ -43,7 +39,6 @@ pub enum RowSums {
     Factored(FactoredRows),
 }
 
-/// The fields of a document; exactly one is present.
 #[derive(Deserialize)]
 struct SumsDocument {
     moments: Option<ExactSums>,
@@ -63,21 +58,15 @@ impl TryFrom<SumsDocument> for RowSums {
     }
 }
 
-/// A solution from reduced rows.
 #[derive(Clone, Debug)]
 pub struct SolvedSums {
-    /// The solution.
     pub solution: Solution,
-    /// Errors on the same rows.
     pub quality: PerAxis<AxisQuality>,
-    /// The ranges of the readings.
     pub ranges: ReadingRanges,
-    /// The solver.
     pub solver: SolverKind,
 }
 
 impl RowSums {
-    /// Number of rows.
     pub fn rows(&self) -> u64 {
         match self {
             Self::Exact(sums) => sums.rows(),
@@ -85,7 +74,6 @@ impl RowSums {
         }
     }
 
-    /// Number of channels.
     pub fn channels(&self) -> usize {
         match self {
             Self::Exact(sums) => sums.channels(),
@@ -102,7 +90,7 @@ impl RowSums {
         (self.channels(), basis) == (model.channels, model.basis)
     }
 
-    /// The name of the field in a document.
+    /// Name of the field in a document.
     pub fn field(&self) -> &'static str {
         match self {
             Self::Exact(_) => "moments",
@@ -110,7 +98,6 @@ impl RowSums {
         }
     }
 
-    /// The displayed name of the kind.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::Exact(_) => "exact sums",
@@ -160,14 +147,11 @@ impl RowSums {
     }
 }
 
-/// The reduced form of rows by group.
 #[derive(Clone, Debug)]
 pub enum GroupedSums {
-    /// Exact sums.
     Exact(Box<SumsByGroup>),
-    /// R factors.
     Factored(FactoredGroups),
-    /// The rows of each group with its label, for the covariance of a solution that is not known yet.
+    /// Rows of each group with its label, for the covariance of a solution that is not known yet.
     Rows(GroupedRows, Vec<String>),
 }
 
@@ -181,7 +165,7 @@ impl GroupedSums {
         }
     }
 
-    /// Number of groups; more than [`groups`](Self::groups) if sets of groups were summed.
+    /// More than [`groups`](Self::groups) if sets of groups were summed.
     pub fn group_count(&self) -> usize {
         match self {
             Self::Exact(sums) => sums.group_count,
@@ -189,7 +173,6 @@ impl GroupedSums {
         }
     }
 
-    /// Number of rows.
     pub fn rows(&self) -> u64 {
         match self {
             Self::Exact(sums) => sums.total().map_or(0, ExactSums::rows),
@@ -198,7 +181,7 @@ impl GroupedSums {
         }
     }
 
-    /// Number of channels; 0 without groups.
+    /// 0 without groups.
     pub fn channels(&self) -> usize {
         match self {
             Self::Exact(sums) => sums.total().map_or(0, ExactSums::channels),
@@ -209,7 +192,6 @@ impl GroupedSums {
         }
     }
 
-    /// The exact sums, if they are of that kind.
     pub fn exact(&self) -> Option<&SumsByGroup> {
         match self {
             Self::Exact(sums) => Some(sums),
@@ -217,12 +199,10 @@ impl GroupedSums {
         }
     }
 
-    /// The errors of `model` with λ = `ridge` on each group, or each of `folds` folds of groups, each from a
-    /// fit without it.
+    /// Errors of `model` with λ = `ridge` on each group, or each of `folds` folds of groups, from fits without it.
     ///
     /// # Errors
-    /// [`FitError`] if there are too few groups, or no fold leaves enough rows to fit;
-    /// [`FitError::NoGroupSums`] if the rows themselves were kept.
+    /// [`FitError`] for too few groups or rows outside each fold; [`FitError::NoGroupSums`] if rows were kept.
     pub fn cross_validate(
         &self,
         model: &Model,
@@ -236,13 +216,11 @@ impl GroupedSums {
         }
     }
 
-    /// Compares all families of features within those kept by their errors on folds of groups, each
-    /// with `ridges` and, if the largest is best, larger ones. R factors give no advice, because
-    /// computing the errors on each fold twice is too expensive.
+    /// Compares the families of features within those kept on folds of groups, with `ridges` and, if the largest is
+    /// best, larger ones. R factors give no advice: computing the errors on each fold twice is too expensive.
     ///
     /// # Errors
-    /// [`FitError`] if there are too few groups, or no model can be fitted;
-    /// [`FitError::NoGroupSums`] if the rows themselves were kept.
+    /// [`FitError`] for too few groups or no possible model; [`FitError::NoGroupSums`] if rows were kept.
     pub fn select(
         &self,
         intercept: bool,
@@ -259,9 +237,8 @@ impl GroupedSums {
         }
     }
 
-    /// A comparison of `model` with the smaller models within it; `None` if there are none, if
-    /// `model` cannot be fitted without one of the folds, or if the comparison would take as long
-    /// as the fit.
+    /// Compares `model` with the smaller ones within it; `None` without any, if `model` cannot be fitted without one
+    /// of the folds, or if it would take as long as the fit.
     ///
     /// # Errors
     /// As [`select`](Self::select).
@@ -275,9 +252,9 @@ impl GroupedSums {
         Ok(given.map(|given| Advice::new(&tried, Some(given))))
     }
 
-    /// The covariance of a solution by `solver` of all these rows, with errors that are correlated within
-    /// groups. `ridge` is the requested value. If groups are blocks of time, `stretches` lists the ranges
-    /// of groups that are held out together; exact sums hold out each group alone.
+    /// Covariance of a solution by `solver` of all these rows, with errors correlated within groups; `ridge` is the
+    /// requested one. If groups are blocks of time, `stretches` lists those held out together; exact sums hold out
+    /// each alone.
     ///
     /// # Errors
     /// [`FitError`] if there are too few groups, or the model cannot be fitted without one of them.

@@ -10,7 +10,6 @@ use shell_data::vectorised;
 const LANES: usize = 16;
 
 vectorised! {
-    /// Computes `xᵀy` for vectors of equal length.
     pub(super) fn dot(x: &[f64], y: &[f64]) -> f64 {
         let mut sums = [0.0; LANES];
         let ((x, x_rest), (y, y_rest)) = (x.as_chunks(), y.as_chunks());
@@ -24,7 +23,6 @@ vectorised! {
         sums.iter().sum::<f64>() + rest
     }
 
-    /// Computes `y += c·x` for vectors of equal length.
     pub(super) fn add_multiple(y: &mut [f64], c: f64, x: &[f64]) {
         for (y, &x) in y.iter_mut().zip(x) {
             *y = c.mul_add(x, *y);

@@ -20,13 +20,11 @@ const MODEL_GROUPS: f64 = 4.0;
 /// Most rows scored in each group for its quantiles: rows of a group resemble each other.
 const MOST_SCORED: usize = 64;
 
-/// A physics model, ready to convert readings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PhysicsCalibration {
     inversion: Inversion,
     /// Factor for the model's standard errors: RMS of held-out errors in these standard errors.
     pub error_scale: PerAxis<f64>,
-    /// Intervals from held-out groups, if known.
     pub intervals: Option<GroupIntervals>,
 }
 
@@ -44,14 +42,14 @@ fn scores_of(rows: &TrainingRows, choice: &Choice) -> Scores {
 }
 
 impl PhysicsCalibration {
-    /// Prepares a model without intervals; multiplies its standard errors by `error_scale`.
+    /// Multiplies the standard errors of the model, without intervals, by `error_scale`.
     pub fn new(model: PhysicsModel, error_scale: PerAxis<f64>) -> Self {
         Self { inversion: Inversion::new(&model), error_scale, intervals: None }
     }
 
-    /// Fits to rows. Held-out groups select λ, the width of the priors and the number of shared
-    /// factors; their errors also scale the standard errors and give the intervals. Using the same
-    /// groups twice matters little: the selection sets only three numbers.
+    /// Fits to rows. Held-out groups select λ, the width of the priors and the number of shared factors; their errors
+    /// also scale the standard errors and give the intervals. Both uses matter little: the selection sets only three
+    /// numbers.
     ///
     /// # Errors
     /// [`FitError::Physics`], [`FitError::Interrupted`].
@@ -59,8 +57,7 @@ impl PhysicsCalibration {
         Self::fit_sample(rows, ObservationSample::from_rows(rows)?, None, workers)
     }
 
-    /// Like [`fit`](Self::fit), on a sample of the observations of these rows. Holds out `folds` of
-    /// groups, if given.
+    /// [`fit`](Self::fit) on a sample of the observations of these rows, holding out `folds` of groups, if given.
     pub fn fit_sample(
         rows: &TrainingRows,
         sample: ObservationSample,
@@ -77,7 +74,6 @@ impl PhysicsCalibration {
         Self { intervals: Some(scores.intervals()), ..Self::new(model, error_scale) }
     }
 
-    /// The model.
     pub fn model(&self) -> &PhysicsModel {
         &self.inversion.model
     }
@@ -95,34 +91,32 @@ impl PhysicsCalibration {
     }
 }
 
-/// Approximate limit of the rows on which errors are computed, spread evenly over the groups: the
-/// root mean square of so many rows is accurate to two thousandths.
+/// About the most rows on which errors are computed, spread evenly over the groups: their root mean square is
+/// accurate to two thousandths.
 const MOST_JUDGED: usize = 200_000;
 
 /// Cross-validation over folds of groups. The priors, three numbers, were chosen on all folds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PhysicsValidation {
-    /// For each fold, its groups in ascending order.
+    /// Groups of each fold, in ascending order.
     pub folds: Vec<Vec<GroupErrors>>,
 }
 
-/// Errors on one group.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GroupErrors {
     /// Predicted minus measured.
     pub errors: PerAxis<HeldOutErrors>,
     /// Rows within their intervals of [`COVERAGE_LEVEL`]; `None` without intervals.
     pub covered: Option<PerAxis<u64>>,
-    /// Sum over the rows of the half-widths of these intervals, N and N·m.
+    /// Sums of the half-widths of these intervals, N and N·m.
     pub half_widths: PerAxis<f64>,
-    /// Sum over the rows of the squared errors, in squared standard errors.
+    /// Sums of the squared errors, in squared standard errors.
     pub scores: PerAxis<f64>,
 }
 
 impl PhysicsValidation {
-    /// Converts the rows of each of `folds` with the chosen model refitted without the fold, and
-    /// intervals from the scores of all other groups. The models of the folds used for the choice
-    /// are reused; others are fitted here, on several threads.
+    /// Converts the rows of each of `folds` with the chosen model refitted without it, and intervals from the scores
+    /// of all other groups. Fits models of folds that were not used for the choice, on several threads.
     ///
     /// # Errors
     /// [`FitError::Interrupted`].
@@ -140,12 +134,10 @@ impl PhysicsValidation {
         Self::by(fit, rows, folds, workers)
     }
 
-    /// Like [`new`](Self::new), with the usual priors and without factors: shows how well the model
-    /// works on these data, in a tenth of the time of a choice.
+    /// [`new`](Self::new) with the usual priors, without factors: a preview in a tenth of the time of a choice.
     ///
     /// # Errors
-    /// [`FitError::Physics`] if the rows outside of any fold cannot be fitted;
-    /// [`FitError::Interrupted`].
+    /// [`FitError::Physics`] if rows outside of a fold cannot be fitted; [`FitError::Interrupted`].
     pub fn usual(
         rows: &TrainingRows,
         sample: &ObservationSample,
@@ -174,22 +166,19 @@ impl PhysicsValidation {
         Ok(Self { folds: map_folds(folds, workers, of_fold)? })
     }
 
-    /// All groups.
     pub fn groups(&self) -> impl Iterator<Item = &GroupErrors> {
         self.folds.iter().flatten()
     }
 
-    /// The errors on all rows.
     pub fn total(&self) -> PerAxis<HeldOutErrors> {
         total(self.groups())
     }
 
-    /// The errors on the rows of each fold.
     pub fn by_fold(&self) -> Vec<PerAxis<HeldOutErrors>> {
         self.folds.iter().map(total).collect()
     }
 
-    /// Median over the groups of the absolute value of their mean error, N and N·m.
+    /// Median over the groups of the absolute mean error, N and N·m.
     pub fn median(&self) -> PerAxis<f64> {
         std::array::from_fn(|axis| {
             let mut sizes: Vec<f64> =
@@ -200,7 +189,7 @@ impl PhysicsValidation {
         })
     }
 
-    /// Root mean square over the rows of the errors in standard errors: 1 if the standard errors are right.
+    /// Root mean square error in standard errors: 1 if these are right.
     pub fn scores(&self) -> PerAxis<f64> {
         let rows: u64 = self.groups().map(|group| group.errors[0].rows).sum();
         std::array::from_fn(|axis| {
@@ -209,8 +198,8 @@ impl PhysicsValidation {
         })
     }
 
-    /// Share of rows within their intervals of [`COVERAGE_LEVEL`], and mean half-width of the
-    /// intervals, with the same weight for each group; `None` if a group has no intervals.
+    /// Share of rows within their intervals of [`COVERAGE_LEVEL`], and mean half-width, with equal weights of groups;
+    /// `None` if a group has no intervals.
     pub fn coverage(&self) -> Option<PerAxis<(f64, f64)>> {
         let mut sums = PerAxis::<(f64, f64)>::default();
         let mut count = 0.0;

@@ -1,12 +1,10 @@
-//! Choice of λ, the width of the priors and the number of shared factors by cross-validation over
-//! groups.
+//! Choice of λ, the width of the priors and the number of shared factors by cross-validation over groups.
 //!
-//! The chosen λ and width have the least squared error on held-out groups, relative to the mean
-//! square of each axis and averaged over the axes. One more factor is accepted if it raises the log
-//! density of the held-out groups' readings by more than a standard error of the mean gain over the
-//! folds: this criterion sees all sensors and the correlation of their errors, which the errors of
-//! a wrench hardly show. Then λ is chosen once more. Fits without a fold start from the fit to all
-//! observations, which is near.
+//! The chosen λ and width have the least squared error on held-out groups, relative to the mean square of each axis
+//! and averaged over the axes. A further factor has to raise the log density of the held-out readings by more than a
+//! standard error of the mean gain over the folds: this criterion sees all sensors and the correlation of their
+//! errors, which the errors of a wrench hardly show. Then λ is chosen once more. Fits without a fold start from the
+//! fit to all observations.
 
 use std::collections::BTreeSet;
 
@@ -20,8 +18,8 @@ use super::rows::ObservationSample;
 use least_squares::error::FitError;
 use least_squares::passes::{Workers, map};
 
-/// Candidate λ: half decades below 1, the value that Bayes' rule gives for normal loads. λ = 1
-/// pulls a load at the edge of the range to a distant minimum; other loads do not show this.
+/// Half decades below 1, the value of Bayes' rule for normal loads. λ = 1 pulls loads at the edge of the range, but
+/// no others, to a distant minimum.
 const LAMBDAS: [f64; 4] = [0.01, 0.03, 0.1, 0.3];
 
 const WIDTHS: [f64; 3] = [0.25, 0.5, 1.0];
@@ -38,34 +36,28 @@ const FEWEST_FOLDS: usize = 8;
 /// Comparison of a number of shared factors with the best smaller number.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FactorTrial {
-    /// Number of factors.
     pub factors: usize,
     /// Mean gain in the log density of a held-out fold's readings.
     pub gain: f64,
-    /// Standard error of the gain.
     pub standard_error: f64,
 }
 
 impl FactorTrial {
-    /// Returns true if the gain is more than a standard error.
     pub fn is_taken(&self) -> bool {
         self.gain > self.standard_error
     }
 }
 
-/// The chosen model, with the fits and comparisons behind the choice.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Choice {
-    /// The model, fitted to all observations.
+    /// Fitted to all observations.
     pub model: PhysicsModel,
-    /// The numbers of factors that were tried.
     pub factor_trials: Vec<FactorTrial>,
     /// Each fold of groups, with the chosen candidate fitted to all other groups.
     pub(super) fold_models: Vec<(BTreeSet<u64>, PhysicsModel)>,
     scales: Scales,
     /// Fit to all observations in `sample.tried`: the start for fits to most of them.
     fitted: FittedParameters,
-    /// Observations used for the choice.
     pub sample: ObservationSample,
 }
 
@@ -78,7 +70,7 @@ struct CandidateData<'a> {
 type Fits = (FittedParameters, [f64; LAMBDAS.len()]);
 
 impl Choice {
-    /// Fits a model whose λ, prior width and number of factors are chosen by cross-validation.
+    /// Chooses λ, prior width and number of factors by cross-validation, and fits the model.
     ///
     /// # Errors
     /// [`PhysicsError`] if there are too few observations, groups or channels; [`FitError::Interrupted`].
@@ -144,12 +136,11 @@ impl Choice {
         Ok(Self { model, factor_trials, fold_models, scales, fitted: of_tried, sample })
     }
 
-    /// The folds of groups that were held out for the choice.
+    /// Folds of groups that were held out for the choice.
     pub fn folds(&self) -> Vec<Vec<u64>> {
         self.fold_models.iter().map(|(fold, _)| fold.iter().copied().collect()).collect()
     }
 
-    /// Fits the chosen candidate to the observations outside `groups`.
     pub fn without(&self, groups: &BTreeSet<u64>) -> PhysicsModel {
         if let Some((_, known)) = self.fold_models.iter().find(|(fold, _)| fold == groups) {
             return known.clone();
@@ -195,8 +186,7 @@ impl CandidateData<'_> {
         })
     }
 
-    /// Squared error on held-out groups for each λ, relative to the mean square of each axis and
-    /// averaged over the axes.
+    /// Squared held-out error for each λ, relative to the mean square of each axis and averaged over the axes.
     fn scores(&self, fits: &[Fits]) -> [f64; LAMBDAS.len()] {
         let count = 6.0 * self.folds.iter().map(|fold| fold.held_out.len()).sum::<usize>() as f64;
         let sum = |at: usize| fits.iter().map(|(_, squares)| squares[at]).sum::<f64>();

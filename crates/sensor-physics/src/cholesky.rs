@@ -1,13 +1,12 @@
 //! Cholesky factors of small symmetric matrices, on the stack.
 //!
-//! Sizes are fixed (6 axes, 10 parameters): a frame needs no allocation. Only the lower triangle of
-//! a matrix is read (Golub & Van Loan, 4th ed., §4.2).
+//! Sizes are fixed: 6 axes, 10 parameters. Only lower triangles are read (Golub & Van Loan, 4th
+//! ed., §4.2).
 
 use pulp::{Scalar, Simd};
 
 use super::lanes::Lanes;
 
-/// Matrix with these numbers on its diagonal.
 pub fn diagonal<const N: usize>(of: [f64; N]) -> [[f64; N]; N] {
     std::array::from_fn(|i| std::array::from_fn(|j| if i == j { of[i] } else { 0.0 }))
 }

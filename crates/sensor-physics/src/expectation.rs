@@ -10,9 +10,8 @@ use super::response::{FACTORS, Loadings};
 use super::sensor::Curve;
 use shell_data::vectorised;
 
-/// `1/s²` of the prior `N(0, s²)` of a loading. s = 0.06 is about the play of a single
-/// displacement, and a hundredth of the curve's width. With a weaker prior, a second factor follows
-/// the loads of single poses.
+/// `1/s²` of the prior `N(0, s²)` of a loading. s = 0.06 is about the play of a single displacement, and a hundredth
+/// of the curve's width. With a weaker prior, a second factor follows the loads of single poses.
 const LOADING_PRECISION: f64 = 300.0;
 
 /// Expected moments of the factors of each row, given its residuals; padded as the curves are.

@@ -1,15 +1,13 @@
-//! Factors that the sensors share: causes other than the wrench that move several reflectors at
-//! once.
+//! Factors that the sensors share: causes other than the wrench that move several reflectors at once.
 //!
 //! ```text
 //! yᵢⱼ = fᵢ(bᵢ + aᵢᵀxⱼ + cᵢᵀuⱼ) + e      uⱼ ~ N(0, I)      Vⱼ = diag(σ² + τ²d²) + D·C·Cᵀ·D      D = diag f'
 //! ```
 //!
-//! Play and mounting move the plate as a whole, so the sensors' errors are correlated and look like
-//! a wrench. Expectation maximisation finds the loadings C and the variances at the maximum of the
-//! posterior density (Rubin & Thayer, Psychometrika 47, 1982), with a normal prior of C and
-//! residuals corrected as in [`noise`](super::noise). It alternates with Levenberg-Marquardt steps
-//! over the parameters of all sensors, on residuals whitened by V.
+//! Play and mounting move the plate as a whole, so the sensors' errors are correlated and look like a wrench.
+//! Expectation maximisation finds the loadings C and the variances at the maximum of the posterior density (Rubin &
+//! Thayer, Psychometrika 47, 1982), with a normal prior of C and residuals corrected as in [`noise`](super::noise).
+//! It alternates with Levenberg-Marquardt steps over all parameters, on residuals whitened by V.
 
 use super::cholesky::{Cholesky, identity};
 use super::expectation::{expect, maximise};
@@ -27,8 +25,7 @@ const WARM_ROUNDS: usize = 5;
 const EM_STEPS: usize = 6;
 const STEPS: usize = 2;
 
-/// Fits `new` factors, from a fit without factors. If `new` is `None`, fits as many as `start` has,
-/// which was found for nearly the same observations in the same scales.
+/// Fits `new` factors; with `None`, as many as `start`, which fits nearly the same observations in the same scales.
 pub(super) fn fit_factors(
     data: &Scaled,
     width: f64,
@@ -46,13 +43,13 @@ struct Joint<'a> {
     rows: usize,
     width: f64,
     fitted: FittedParameters,
-    /// Number of factors in use: the first columns of the loadings.
+    /// The first columns of the loadings are in use.
     count: usize,
     damping: f64,
 }
 
-/// `F⁻¹·L/v` of each sensor and row, with `L = D·C` and `F·Fᵀ = I + LᵀL/v`, at the slopes with
-/// which a round begins. Together with the variances `v` it gives `Vⱼ⁻¹`.
+/// `F⁻¹·L/v` of each sensor and row, with `L = D·C` and `F·Fᵀ = I + LᵀL/v`, at the slopes with which a round begins.
+/// With the variances `v` it gives `Vⱼ⁻¹`.
 type Whitening = Vec<Vec<Loadings>>;
 
 struct FactorEquations {
@@ -136,7 +133,6 @@ impl<'a> Joint<'a> {
         }
     }
 
-    /// Sets the weights from the noise, and returns the whitening by the shared factors.
     fn whiten(&mut self, curves: &[Curve]) -> Whitening {
         let Self { sensors, fitted, rows, .. } = self;
         let mut m = vec![identity(); *rows];
@@ -159,7 +155,7 @@ impl<'a> Joint<'a> {
         whitening
     }
 
-    /// Makes steps over the parameters of all sensors; rejects steps that do not lower the sum.
+    /// Makes steps over the parameters of all sensors, without those that do not lower the sum.
     fn refine_parameters(&mut self, whitening: &[Vec<Loadings>], prior: &Prior) {
         let mut at = self.equations(&self.fitted.parameters, whitening, prior);
         for _ in 0..STEPS {

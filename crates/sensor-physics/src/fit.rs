@@ -1,10 +1,9 @@
 //! Joint fit of all sensors: curves near a common mean, noise of maximum likelihood.
 //!
-//! Sensors of one make resemble each other, so the shape of each curve (lo, ln h, ln ν) has a
-//! normal prior about a common mean, which has the weak prior of [`Prior::weak`] with ten times the
-//! variance (a hierarchical model; Gelman et al., Bayesian Data Analysis, 3rd ed., §5.4). A round
-//! makes steps over the sensors' parameters, the common means and the variances of [`Noise`]; each
-//! step raises the posterior density.
+//! Sensors of one make resemble each other, so the shape of each curve (lo, ln h, ln ν) has a normal prior about a
+//! common mean, which has the prior of [`Prior::weak`] with ten times the variance (a hierarchical model; Gelman et
+//! al., Bayesian Data Analysis, 3rd ed., §5.4). The steps of a round, over parameters, common means and the variances
+//! of [`Noise`], raise the posterior density.
 
 use super::PhysicsError;
 use super::cholesky::{Cholesky, diagonal};
@@ -15,7 +14,7 @@ use super::sensor::{Data, ParameterEstimate, Prior, curve_at, residuals};
 use shell_data::statistics::extremes;
 use shell_data::wrench::PerAxis;
 
-/// Prior variance of a common mean, divided by the variance of a sensor about it.
+/// Prior variance of a common mean, divided by that of a sensor about it.
 const MEAN_VARIANCE: f64 = 10.0;
 
 /// Effort of a fit. More rounds change predictions by a twentieth of their standard errors.
@@ -28,18 +27,16 @@ const WARM_ROUNDS: usize = 4;
 
 const NOISE_STEPS: usize = 20;
 
-/// Most channels of a model: the flags of a frame are bits of a 16-bit mask, and its values are on
-/// the stack.
+/// Most channels of a model: the flags of a frame have 16 bits, and its values are on the stack.
 pub const MOST_CHANNELS: usize = 16;
 
-/// The mean of some rows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Observation {
-    /// Group of related rows, for example of one observation: validation holds out whole groups.
+    /// Validation holds out whole groups, for example of one pose.
     pub group: u64,
-    /// Mean wrench, N and N·m.
+    /// N and N·m.
     pub wrench: PerAxis<f64>,
-    /// Mean reading of each channel, counts.
+    /// Counts.
     pub readings: Vec<f64>,
 }
 
@@ -78,8 +75,6 @@ pub(super) struct FittedParameters {
 }
 
 impl Scales {
-    /// Computes the scales of observations that a model can be fitted to.
-    ///
     /// # Errors
     /// [`PhysicsError`] if there are too few observations or channels.
     pub(super) fn new(observations: &[&Observation]) -> Result<Self, PhysicsError> {
@@ -223,7 +218,7 @@ fn covariances(
     let of = |(sensor, estimate): (&Data<'_>, &ParameterEstimate)| {
         let p = &estimate.parameters;
         let information = sensor.cost_along(&curve_at(p, sensor), p, prior).information;
-        // The prior makes it positive definite. If rounding spoils that, the covariance of the prior remains.
+        // The prior makes it positive definite. If rounding spoils that, the prior's covariance remains.
         Cholesky::new(&information)
             .map_or_else(|| diagonal(prior.sd.map(|sd| sd.powi(2))), |f| f.inverse())
     };

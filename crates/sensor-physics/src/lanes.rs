@@ -1,8 +1,7 @@
 //! Evaluation of a sensor's curve for several rows at a time.
 //!
-//! The code uses additions, multiplications, divisions and square roots only, which are rounded
-//! alike on every machine: a row has the same bits in vectors of any width. Loops replace `fold`,
-//! whose closure may remain a separate function without wide vectors.
+//! Additions, multiplications, divisions and square roots are rounded alike on every machine: a row has the same bits
+//! in vectors of any width. Loops replace `fold`, whose closure may remain a function without wide vectors.
 
 use std::ops::{Add, Div, Mul, Sub};
 
@@ -20,8 +19,7 @@ const SQUARINGS: usize = 8;
 const EXP: [f64; 11] =
     shares(1.0, [3628800.0, 362880.0, 40320.0, 5040.0, 720.0, 120.0, 24.0, 6.0, 2.0, 1.0, 1.0]);
 
-/// `2/(2k + 1)` for `k` from 13 to 0, the series of `2·artanh(z)/z` in `z²`. For `z ≤ 1/3` the next
-/// term is below 1e-14.
+/// Series of `2·artanh(z)/z` in `z²`: `2/(2k + 1)`, `k` from 13 to 0. For `z ≤ 1/3` the next term is below 1e-14.
 const ARTANH: [f64; 14] =
     shares(2.0, [27.0, 25.0, 23.0, 21.0, 19.0, 17.0, 15.0, 13.0, 11.0, 9.0, 7.0, 5.0, 3.0, 1.0]);
 
@@ -36,7 +34,7 @@ const fn shares<const N: usize>(of: f64, mut by: [f64; N]) -> [f64; N] {
 
 pub(super) const MOST_LANES: usize = 8;
 
-/// One number for each of several rows. Every operation is inlined into code for the vectors in use.
+/// One number per row. Every operation is inlined into code for the vectors in use.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lanes<S: Simd>(pub(super) S, pub(super) S::f64s);
 
@@ -57,7 +55,6 @@ impl<S: Simd> Lanes<S> {
         S::as_mut_simd_f64s(&mut column[first..first + S::F64_LANES]).0[0] = self.1;
     }
 
-    /// The numbers, padded with zeros.
     #[inline(always)]
     pub(super) fn values(self) -> [f64; MOST_LANES] {
         let mut values = [0.0; MOST_LANES];

@@ -1,23 +1,20 @@
 //! A forward model of the sensors' physics, fitted sensor by sensor and inverted for the wrench.
 //!
-//! A reflective photointerrupter responds monotonically to one displacement, which is linear in the wrench.
-//! Each sensor therefore has ten parameters, `y = lo + h·σ(b + aᵀx)^ν` ([`response`]), fitted from the wrench
-//! to the reading because the noise is in the readings and the reference is accurate. Conversion inverts all
-//! sensors at once ([`Inversion`]).
+//! A reflective photointerrupter responds monotonically to one displacement, which is linear in the wrench. Its ten
+//! parameters, `y = lo + h·σ(b + aᵀx)^ν` ([`response`]), are fitted from the wrench to the reading, because the noise
+//! is in the readings. Conversion inverts all sensors at once ([`Inversion`]).
 //!
 //! ```text
 //! rows → one mean per pose → sensors (priors, noise) → shared factors → model
 //!                            └── λ, prior width and number of factors by held-out poses ──┘
 //! ```
 //!
-//! Polynomials in the readings need a coefficient per power and axis and are inaccurate between poses. This
-//! model has 80 numbers for eight sensors, each with a physical meaning, and it flattens where the sensors
-//! saturate.
+//! Polynomials in the readings need a coefficient per power and axis and are inaccurate between poses. This model has
+//! 80 numbers for eight sensors, each with a physical meaning, and flattens where the sensors saturate.
 //!
 //! Not modelled: play and creep as states (they are part of the noise and the factors), and temperature.
 
 #![forbid(unsafe_code)]
-#![warn(missing_docs)]
 
 mod calibration;
 mod choice;

@@ -1,5 +1,3 @@
-//! The fitted model.
-
 use super::PhysicsError;
 use super::cholesky::{Cholesky, identity};
 use super::fit::{FittedParameters, Observation, Scaled, Scales, fit};
@@ -12,10 +10,9 @@ use shell_data::wrench::PerAxis;
 /// Multiple of the identity that keeps the prior finite for an axis that is never loaded.
 const LEAST_LOAD: f64 = 1e-6;
 
-/// A fitted model, with all data needed to convert readings.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct PhysicsModel {
-    /// Number of channels of a frame, including channels without a sensor here.
+    /// Includes channels without a sensor here.
     pub channels: usize,
     /// Divisors of a wrench, N and N·m: the root mean square of the training loads.
     pub wrench_scale: PerAxis<f64>,
@@ -25,24 +22,20 @@ pub struct PhysicsModel {
     pub lambda: f64,
     /// Standard deviation of the priors of lo, ln h and ln ν.
     pub prior_width: f64,
-    /// Noise variances.
     pub noise: Noise,
     /// One sensor for each channel that varies.
     pub sensors: Vec<Sensor>,
 }
 
-/// One sensor of a [`PhysicsModel`].
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Sensor {
-    /// Its channel, from 0.
+    /// From 0.
     pub channel: usize,
     /// Least reading in the training data, counts.
     pub least: f64,
     /// Greatest minus least reading, counts; `y = (reading − least)/range`.
     pub range: f64,
-    /// b, a (six), lo, ln h, ln ν.
     pub parameters: Parameters,
-    /// Covariance of the parameters.
     pub covariance: [Parameters; PARAMETERS],
     /// c: displacement per shared factor, which has variance 1; zero without factors.
     #[serde(default)]
@@ -61,24 +54,21 @@ impl Sensor {
 }
 
 impl PhysicsModel {
-    /// Number of parameters of all sensors.
     pub fn parameter_count(&self) -> usize {
         self.sensors.iter().map(|sensor| sensor.parameters.len()).sum()
     }
 
-    /// Channels left out because they never change, from 0.
+    /// Channels, from 0, that never change.
     pub fn dead_channels(&self) -> Vec<usize> {
         let is_dead = |channel: &usize| self.sensors.iter().all(|of| of.channel != *channel);
         (0..self.channels).filter(is_dead).collect()
     }
 
-    /// Number of factors that the sensors share.
     pub fn factor_count(&self) -> usize {
         factor_count(self.sensors.iter().map(|sensor| &sensor.loadings))
     }
 
-    /// Returns the same curves without shared factors. The variance that the factors add to the
-    /// displacements, averaged over the sensors, becomes independent noise of each sensor.
+    /// Curves without shared factors, whose mean variance of displacements becomes independent noise of each sensor.
     #[must_use]
     pub fn without_factors(&self) -> Self {
         let mut model = self.clone();
@@ -88,8 +78,7 @@ impl PhysicsModel {
         model
     }
 
-    /// Log probability density of an observation's readings at its wrench, up to a constant that is
-    /// equal for all models in the same scales.
+    /// Log density of an observation's readings at its wrench, up to a constant of all models in the same scales.
     pub(super) fn ln_density(&self, o: &Observation) -> f64 {
         let x = std::array::from_fn(|axis| o.wrench[axis] / self.wrench_scale[axis]);
         // V = diag(v) + LLᵀ, so r·V⁻¹·r = Σr²/v − |M^(−½)·Lᵀr/v|² and det V = Πv·det M, M = I + LᵀL/v.

@@ -1,7 +1,7 @@
 //! Noise about the curves: noise of the readings and play of the displacement.
 //!
-//! A reading is off because it is noisy itself, and because the reflector does not stop at the same
-//! place twice (play, creep). Play counts only where the curve is steep.
+//! A reading is noisy itself, and the reflector does not stop at the same place twice (play,
+//! creep), which counts only where the curve is steep.
 //!
 //! ```text
 //! var(y − f) = σ² + τ²·(df/dq)²
@@ -9,8 +9,8 @@
 //!
 //! Both variances are maximum-likelihood estimates for normal errors. Fixed-point steps multiply
 //! each by the ratio of the two sides of its likelihood equation, which keeps it positive. Fitted
-//! parameters absorb a part of each residual, so its expected square is `r² + gᵀCg`, with `C` the
-//! covariance of the parameters (Dempster, Laird & Rubin, J. R. Stat. Soc. B 39, 1977).
+//! parameters absorb a part of each residual: its expected square is `r² + gᵀCg`, with their
+//! covariance `C` (Dempster, Laird & Rubin, J. R. Stat. Soc. B 39, 1977).
 
 use std::ops::{Add, Mul};
 
@@ -20,7 +20,6 @@ use shell_data::vectorised;
 /// Lower limit of the variances: of a reading, that of less than one count of ten bits.
 const LEAST: f64 = 1e-6;
 
-/// The two variances of the noise.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Noise {
     /// `σ²`, in squared ranges of a channel.
@@ -29,7 +28,7 @@ pub struct Noise {
     pub displacement: f64,
 }
 
-/// Residuals of a sensor for the estimate of the variances, one per row.
+/// Residuals of a sensor, one per row.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Residuals {
     pub(super) squares: Vec<f64>,
@@ -38,17 +37,15 @@ pub(super) struct Residuals {
 }
 
 impl Noise {
-    /// Start of an estimate: readings repeat to a fiftieth of their range, displacements to 0.15
-    /// units of q (of some 6 over the curve).
+    /// Readings repeat to a fiftieth of their range, displacements to 0.15 units of q (of some 6).
     pub(super) const START: Self = Self { reading: 4e-4, displacement: 0.0225 };
 
-    /// Variance of a response where the curve has this slope.
     #[inline(always)]
     pub fn variance(&self, slope: f64) -> f64 {
         self.variance_at(slope * slope)
     }
 
-    /// Variance of a response from the square of the slope: one number, or one for each lane.
+    /// Variance from the square of the slope: one number, or one for each lane.
     #[inline(always)]
     pub(super) fn variance_at<T: Add<f64, Output = T> + Mul<f64, Output = T>>(
         &self,

@@ -4,18 +4,17 @@
 //! y = lo + h·σ(q)^ν      q = b + aᵀx      σ(q) = 1/(1 + e⁻ᵠ)
 //! ```
 //!
-//! The displacement `q` of the reflector in front of a sensor is linear in the wrench. The response
-//! of a reflective photointerrupter to it is monotone between two flat ends, which ν makes
-//! different (Richards, J. Exp. Botany 10, 1959, with Q = 1). `h` and `ν` are positive and are
-//! stored as logarithms. `y` and `x` are dimensionless: readings and wrench in the scales of the
-//! model. `exp` and `ln` come from `libm`, which gives the same bits on every machine.
+//! The displacement `q` of the reflector is linear in the wrench. The response of a reflective
+//! photointerrupter to it is monotone between two flat ends, which ν makes different (Richards, J.
+//! Exp. Botany 10, 1959, with Q = 1). `h` and `ν` are positive and stored as logarithms. `y` and
+//! `x` are dimensionless, in the scales of the model. `exp` and `ln` come from `libm`, which gives
+//! the same bits on every machine.
 
 use shell_data::wrench::PerAxis;
 
 /// Parameters of a sensor: b, a (six), lo, ln h, ln ν.
 pub const PARAMETERS: usize = 10;
 
-/// Parameters in the order of [`PARAMETERS`].
 pub type Parameters = [f64; PARAMETERS];
 
 /// Index of b.
@@ -23,7 +22,6 @@ pub(super) const OFFSET: usize = 0;
 /// Index of lo; ln h and ln ν follow.
 pub(super) const SHAPE: usize = 7;
 
-/// Response at one wrench.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Answer {
     /// `y`.
@@ -69,8 +67,8 @@ impl Answer {
     }
 }
 
-/// Moves the parameters of some sensors by one step over all of them. h and ν change at most by a
-/// factor of e, beyond which the linear approximation fails.
+/// Moves the parameters by one step. h and ν change at most by a factor of e: beyond, the linear
+/// approximation fails.
 pub(super) fn move_by<'a>(parameters: impl IntoIterator<Item = &'a mut Parameters>, step: &[f64]) {
     for (p, step) in parameters.into_iter().zip(step.as_chunks::<PARAMETERS>().0) {
         for (position, (p, step)) in p.iter_mut().zip(step).enumerate() {
@@ -79,8 +77,8 @@ pub(super) fn move_by<'a>(parameters: impl IntoIterator<Item = &'a mut Parameter
     }
 }
 
-/// Displacement at which the response is `y`, by the inverse of the curve, and the slope there. `y`
-/// is first kept `margin·h` away from the flat ends, where the inverse is infinite.
+/// Displacement at which the response is `y`, kept `margin·h` away from the flat ends, where the
+/// inverse is infinite, and the slope there.
 #[inline]
 pub(super) fn displacement(y: f64, lo: f64, h: f64, nu: f64, margin: f64) -> (f64, f64) {
     let share = ((y - lo) / h).clamp(margin, 1.0 - margin);

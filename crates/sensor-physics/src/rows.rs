@@ -1,14 +1,11 @@
-//! Training rows in groups that are held out together, and the observations that the sensors are
-//! fitted to. An observation is the mean of wrench and readings over a cell, the rows of a group
-//! with similar wrench. A fit uses a sample of the observations.
+//! Training rows in groups that are held out together, and observations: means of wrench and readings over a cell,
+//! the rows of a group with similar wrench. A fit uses a sample of the observations.
 //!
-//! Rows of a pose repeat one observation many times, so the fit sees their mean, and every mean has
-//! the same weight. Where the wrench changes within a group of rows, as in a push by hand, each
-//! cell of the wrench has a mean. Cells are [`CELL_WIDTH`] wide, and the group's mean is in the
-//! middle of one: a pose of constant load is then a single cell.
+//! Rows of a pose repeat one observation, so the fit sees their mean, and every mean has the same weight. Where the
+//! wrench changes within a group, as in a push by hand, each cell has a mean. Cells are [`CELL_WIDTH`] wide, and the
+//! group's mean is in the middle of one: a pose of constant load is a single cell.
 //!
-//! Sums are integers: every value is rounded once, to 2⁻⁶⁰ of the largest magnitude in its column,
-//! and then added without error. Means therefore do not depend on the order of the rows.
+//! Sums are integers: values are rounded once, to 2⁻⁶⁰ of the largest in the column, for any order of rows.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -22,19 +19,16 @@ use shell_data::wrench::PerAxis;
 /// Most rows that are converted at a time, because the results take memory.
 const ROWS_AT_ONCE: usize = 4096;
 
-/// Rows for training.
 #[derive(Clone, Debug, Default)]
 pub struct TrainingRows {
     pub(super) rows: GroupedRows,
     pub(super) channels: usize,
-    /// Reference for conversions of a group's rows, if it differs from their wrench: the stated
-    /// loads, where the wrench is corrected with readings of these rows.
+    /// Reference for conversions of a group's rows, if not their wrench: stated loads, if readings correct it.
     pub judged_by: BTreeMap<u64, PerAxis<f64>>,
 }
 
 impl TrainingRows {
-    /// Takes the labelled rows of a data set. Also returns the labels of their groups in the order
-    /// of first rows.
+    /// Takes the labelled rows of a data set. Also returns the labels of their groups in the order of first rows.
     ///
     /// # Panics
     /// If there are 2³² blocks or groups, or a block has that many rows.
@@ -43,24 +37,22 @@ impl TrainingRows {
         (Self { rows, channels: data.channels(), judged_by: BTreeMap::new() }, labels)
     }
 
-    /// Number of rows.
     pub fn row_count(&self) -> usize {
         self.rows.row_count()
     }
 
-    /// Number of groups.
     pub fn group_count(&self) -> usize {
         self.rows.groups().count()
     }
 
-    /// Number of rows of each group, in ascending order of groups.
+    /// In ascending order of groups.
     pub fn group_sizes(&self) -> Vec<u64> {
         self.rows.groups().map(|runs| count(runs) as u64).collect()
     }
 
-    /// Converts every n-th row of some groups, starting with the first of each, in parts of at most
-    /// [`ROWS_AT_ONCE`] rows. `every` returns n for a group's number of rows. `take` receives the group of
-    /// each row, the predicted wrench minus the reference, and the model's standard errors, N and N·m.
+    /// Converts every n-th row of some groups, from the first of each, in parts of at most [`ROWS_AT_ONCE`] rows;
+    /// `every` returns n for a number of rows. `take` receives the group of each row, the predicted wrench minus the
+    /// reference, and the model's standard errors, N and N·m.
     pub(super) fn convert(
         &self,
         groups: &BTreeSet<u64>,
@@ -90,7 +82,7 @@ impl TrainingRows {
 const CELL_WIDTH: f64 = 0.25;
 
 impl TrainingRows {
-    /// Observations from these rows, in ascending order of groups.
+    /// Observations in ascending order of groups.
     ///
     /// # Errors
     /// [`PhysicsError::NotFinite`], [`PhysicsError::Channels`].
@@ -99,10 +91,8 @@ impl TrainingRows {
     }
 }
 
-/// Cells of the wrench that contain some rows, in ascending order of groups and, within a group, of
-/// their indices.
-///
-/// Only their number is stored: there may be as many cells as rows, and a fit uses few.
+/// Cells of the wrench that contain rows, in ascending order of groups and of their indices. Only their number is
+/// stored: there may be as many cells as rows, and a fit uses few.
 pub(super) struct Cells<'a> {
     rows: &'a GroupedRows,
     grids: Vec<RoundingGrid>,
@@ -114,8 +104,6 @@ pub(super) struct Cells<'a> {
 type RowInCell = ([i16; 6], u32, u32);
 
 impl<'a> Cells<'a> {
-    /// Divides rows into cells.
-    ///
     /// # Errors
     /// [`PhysicsError::NotFinite`], [`PhysicsError::Channels`].
     pub(super) fn new(rows: &'a TrainingRows) -> Result<Self, PhysicsError> {
@@ -150,7 +138,6 @@ impl<'a> Cells<'a> {
         observations
     }
 
-    /// Lists the rows of a group, cell by cell.
     fn sort(&self, runs: &[Run], cells: &mut Vec<RowInCell>) {
         cells.clear();
         for (position, run) in (0..).zip(runs) {
@@ -192,8 +179,8 @@ fn are_in_one_cell(a: &RowInCell, b: &RowInCell) -> bool {
     a.0 == b.0
 }
 
-/// Index of the cell along one axis. With N rows no value exceeds √N root mean squares, so indices
-/// fit into 16 bits up to 67 million rows; larger values would be counted in the last cell.
+/// Index of the cell along one axis. With N rows no value exceeds √N root mean squares, so indices fit into 16 bits
+/// up to 67 million rows; the last cell takes larger values.
 fn index(x: f64) -> i16 {
     x.round_ties_even() as i16
 }
@@ -216,8 +203,7 @@ struct RoundingGrid {
 }
 
 impl RoundingGrid {
-    /// Sets the step to 2⁻⁶⁰ of the least power of two above every value: an i128 then holds the
-    /// sum of 2⁶⁶ values.
+    /// Sets the step to 2⁻⁶⁰ of the least power of two above every value: an i128 holds the sum of 2⁶⁶ values.
     fn new(mut column: impl Iterator<Item = f64>) -> Result<Self, PhysicsError> {
         let larger = |most: f64, x: f64| x.is_finite().then(|| most.max(x.abs()));
         let largest = column.try_fold(0.0, larger).ok_or(PhysicsError::NotFinite)?;
@@ -236,14 +222,12 @@ impl RoundingGrid {
 
 const MOST_TRIED: usize = 600;
 
-/// Most observations that a model is fitted to. At this number, the uncertainty of some ten
-/// parameters per sensor adds a two-hundredth to the squared error.
+/// Most observations in a fit, where ten uncertain parameters per sensor add a two-hundredth to the squared error.
 const MOST_FITTED: usize = 2_000;
 
-/// A sample of observations.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ObservationSample {
-    /// Number of observations before sampling.
+    /// Before sampling.
     pub count: usize,
     pub(super) tried: Vec<Observation>,
     pub(super) fitted: Vec<Observation>,
@@ -256,8 +240,6 @@ impl ObservationSample {
         Self { count, tried: few(MOST_TRIED), fitted: few(MOST_FITTED) }
     }
 
-    /// Samples the observations of some rows.
-    ///
     /// # Errors
     /// [`PhysicsError::NotFinite`], [`PhysicsError::Channels`].
     pub fn from_rows(rows: &TrainingRows) -> Result<Self, PhysicsError> {
@@ -277,8 +259,7 @@ mod tests {
 
     #[test]
     fn every_third_row_of_a_group_is_converted_and_compared_with_its_wrench() {
-        // Three groups of 6000 rows alternate every 1500 rows; a reading is the row's number, each
-        // load twice that.
+        // Three groups of 6000 rows alternate every 1500; a reading is the row's number, each load twice that.
         let number: Vec<f64> = (0..18_000).map(f64::from).collect();
         let groups = (0..12).map(|run| ((run % 3).to_string(), 1500)).collect();
         let wrench = vec![number.iter().map(|n| 2.0 * n).collect(); 6];

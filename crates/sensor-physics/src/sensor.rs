@@ -7,10 +7,9 @@
 //! Levenberg-Marquardt steps with the analytic gradient find the minimum (Nocedal & Wright,
 //! Numerical Optimization, 2nd ed., §10.3). The curve's tail bends either way, so there are two
 //! starts, at two values of ν. Each inverts the curve and solves for b and a, in which the
-//! displacement is linear (the *logit-linear* fit).
+//! displacement is linear (*logit-linear* fit).
 //!
-//! Rows are dealt to [`MOST_LANES`] partial sums, which are added at the end. The order is the same
-//! for vectors of any width, so the bits are the same on every machine.
+//! Rows are dealt to [`MOST_LANES`] partial sums, with the same bits for vectors of any width.
 
 use pulp::Simd;
 
@@ -37,9 +36,9 @@ pub(super) struct Prior {
 }
 
 impl Prior {
-    /// Prior before any sensor is known. Displacements are a few units of q over the loads of the
-    /// training data. The curve reaches a twentieth of the range beyond the readings at either end,
-    /// and each of its parameters is uncertain by `width` (lo in ranges, h and ν in factors of e).
+    /// Prior before any sensor is known. Displacements are a few units of q over the training
+    /// loads. The curve reaches a twentieth of the range beyond the readings at either end, and its
+    /// parameters are uncertain by `width` (lo in ranges, h and ν in factors of e).
     pub(super) fn weak(width: f64) -> Self {
         let (wide, lo, ln_h) = (3.0, -0.05, 0.1);
         Self {
@@ -71,7 +70,7 @@ impl Data<'_> {
         if second_cost < first_cost { second } else { first }
     }
 
-    /// Makes `steps` steps, rejects those that do not lower the cost, and returns the final cost.
+    /// Makes `steps` steps, without those that do not lower the cost, and returns the final cost.
     pub(super) fn refine(
         &self,
         estimate: &mut ParameterEstimate,
@@ -135,31 +134,31 @@ impl Data<'_> {
     }
 }
 
-/// Data for the fit of one sensor. Columns are padded from `rows` on to a multiple of
-/// [`MOST_LANES`]; the padding has no weight.
+/// Data for the fit of one sensor. Columns are padded without weight from `rows` on to a multiple
+/// of [`MOST_LANES`].
 #[derive(Clone, Debug)]
 pub(super) struct Data<'a> {
-    /// Wrenches, in units of the model's scales.
+    /// In units of the model's scales.
     pub(super) wrench: &'a PerAxis<Vec<f64>>,
-    /// Readings, in ranges above the least.
+    /// In ranges above the least.
     pub(super) readings: &'a [f64],
     pub(super) rows: usize,
     pub(super) weights: Vec<f64>,
 }
 
-/// A sum of squares at some parameters, its curvature and its descent: for the residuals
-/// `r = y − f` with their weights and gradients `g = df/dp`, and then for a prior.
+/// A sum of squares, its curvature and its descent: for the residuals `r = y − f` with weights and
+/// gradients `g = df/dp`, then for a prior.
 pub(super) struct Cost {
     /// `Σ weight·r²`.
     pub(super) value: f64,
-    /// `Σ weight·g·gᵀ`, lower triangle: the Gauss-Newton curvature of half the cost. With the
-    /// curvature of the prior, it is the inverse of the parameters' covariance.
+    /// `Σ weight·g·gᵀ`, lower triangle: the Gauss-Newton curvature of half the cost and, with that
+    /// of the prior, the inverse of the parameters' covariance.
     pub(super) information: [Parameters; PARAMETERS],
     /// `Σ weight·r·g`: the steepest descent of half the cost.
     pub(super) descent: Parameters,
 }
 
-/// Residuals in the form for [`Noise`](super::Noise), for parameters with a covariance.
+/// Residuals for [`Noise`](super::Noise), of parameters with a covariance.
 pub(super) fn residuals(
     p: &Parameters,
     covariance: &[Parameters; PARAMETERS],
@@ -175,7 +174,7 @@ pub(super) fn residuals(
     }
 }
 
-/// Residuals and gradients of a sensor along its rows, with zeros beyond `rows`.
+/// Residuals and gradients along the rows of a sensor, with zeros beyond `rows`.
 #[derive(Clone, Debug)]
 pub(super) struct Curve {
     /// `y − f`.

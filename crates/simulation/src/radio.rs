@@ -123,8 +123,8 @@ impl Radio {
         }
     }
 
-    /// Bursts begin and end at random, so their lengths are geometric (E. N. Gilbert, Bell Syst.
-    /// Tech. J. 39, 1253, 1960, without packets in the bad state).
+    /// Bursts begin and end at random, with geometric lengths (E. N. Gilbert, Bell Syst. Tech. J.
+    /// 39, 1253, 1960, without packets in the bad state).
     fn is_in_burst(&mut self) -> bool {
         self.in_burst = match self.in_burst {
             true => !self.happens(1.0 / self.faults.burst_packets),

@@ -1,7 +1,7 @@
 //! Writes recordings as CSV, and trials in the lab's format; or returns rows in memory.
 //!
-//! Decimals are exact: the reference sensor's steps, 1/160 N and 1/32 N·mm, need five and eight of
-//! them. The file thus holds exactly the values of the model, in the same bytes every time.
+//! Decimals are exact: the reference sensor's steps, 1/160 N and 1/32 N·mm, need five and eight.
+//! The file holds the model's values, in the same bytes every time.
 
 use std::io::{self, Write};
 

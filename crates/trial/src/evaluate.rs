@@ -24,8 +24,7 @@ use shell_data::wrench::Axis;
 /// Evaluates a trial on the rows around its window.
 ///
 /// # Errors
-/// [`TrialError`] if the window is not within the log, a number of the trial is invalid, or nothing
-/// can be computed at all.
+/// [`TrialError`] for a window outside the log, an invalid number, or nothing to compute.
 pub fn evaluate(input: &TrialInput<'_>) -> Result<TrialResult, TrialError> {
     let TrialInput { trial, rows, options, .. } = *input;
     check_window(trial, input.times)?;
@@ -66,7 +65,6 @@ pub fn evaluate(input: &TrialInput<'_>) -> Result<TrialResult, TrialError> {
     Ok(TrialResult { row, stride_rows, diagnostics, trace, phase: None })
 }
 
-///
 /// # Errors
 /// [`TrialError::ExitBeforeEntry`], [`TrialError::OutsideLog`], [`TrialError::Short`].
 pub fn check_window(trial: &Trial, times: &LogTimes) -> Result<(), TrialError> {

@@ -1,5 +1,3 @@
-//! The input and the options of an evaluation.
-
 use serde::Serialize;
 
 use super::profile::Profile;
@@ -12,7 +10,7 @@ use shell_data::wrench::PerAxis;
 pub struct Trial {
     pub file: String,
     pub condition: String,
-    /// Entry into the channel, s on the log's clock.
+    /// s on the log's clock.
     pub t_enter_s: f64,
     pub t_exit_s: f64,
     /// Mean velocity, m/s; `None` for the channel's length over the time in it.
@@ -37,14 +35,14 @@ pub struct LogTimes {
     pub period_s: f64,
 }
 
-/// The rows of a log that a trial needs, column by column: the window, and the rows around it that
-/// the low-pass [needs](forces::PipelineSetup::needed_s).
+/// Rows of a log, column by column: the window, and those around it that the low-pass
+/// [needs](forces::PipelineSetup::needed_s).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TrialRows {
     pub times_s: Vec<f64>,
     /// Readings of each channel, counts; no columns if the log has none.
     pub readings: Vec<Vec<f64>>,
-    /// True for each row whose readings differ from the previous row.
+    /// True if readings differ from the previous row.
     pub fresh: Vec<bool>,
     pub telemetry: Vec<(Telemetry, Vec<f64>)>,
 }
@@ -61,8 +59,8 @@ pub struct TrialOptions {
     pub forces: ForceOptions,
     pub trace: TraceExtent,
     pub full_scale: f64,
-    /// The unexplained share of the training loads' variance, 1 − R², if known: the relative error
-    /// of the calibration on any load, which does not average out over frames.
+    /// Unexplained share of the training loads' variance, 1 − R²: the relative error on any load,
+    /// which does not average out.
     #[serde(skip)]
     pub unexplained: Option<PerAxis<f64>>,
 }
@@ -90,7 +88,7 @@ impl Default for TrialOptions {
 #[derive(Clone, Copy, Debug)]
 pub struct Instrument<'a> {
     pub profile: &'a Profile,
-    /// The calibration of the shell; without one there are no forces.
+    /// `None` for trials without forces.
     pub calibration: Option<&'a Calibration>,
 }
 
@@ -100,7 +98,7 @@ pub struct TrialInput<'a> {
     pub instrument: Instrument<'a>,
     pub times: &'a LogTimes,
     pub rows: &'a TrialRows,
-    /// The pipeline from readings to forces, with the frames of any tare; `None` without forces.
+    /// With the frames of any tare; `None` without forces.
     pub pipeline: Option<&'a ForcePipeline>,
     pub options: &'a TrialOptions,
 }

@@ -1,7 +1,7 @@
 //! Means and integrals over a window, of signals known at the times of rows.
 //!
-//! By time, a signal is linear between rows (trapezoid rule), so rows may be missing or uneven, and
-//! a window may begin and end between them. By row, each row in the window is a sample.
+//! By time, a signal is linear between rows (trapezoid rule), which may be missing or uneven. By
+//! row, each row is a sample.
 
 use std::ops::Range;
 
@@ -17,8 +17,8 @@ pub(super) struct Span {
 
 impl Span {
     /// The window from `from_s` to `to_s` over rows at ascending `times`; `None` if they do not
-    /// contain it, or it has no length or, by row, no row. By row, the integral sums each row's
-    /// value times the time since the previous row, from the second row on.
+    /// contain it, or it has no length or, by row, no row. By row, the integral sums values times
+    /// the time since the previous row.
     pub(super) fn new(rule: RowRule, times: &[f64], from_s: f64, to_s: f64) -> Option<Self> {
         let around = rows_around(times, from_s, to_s)?;
         if rule == RowRule::Time {
@@ -60,8 +60,8 @@ pub(super) fn rows_within(times: &[f64], from_s: f64, to_s: f64) -> Range<usize>
     times.partition_point(|&t| t < from_s)..times.partition_point(|&t| t <= to_s)
 }
 
-/// The rows from the last one not after `from_s` to the first one not before `to_s`; `None` if
-/// these times are not within the ascending `times`, or not in this order.
+/// Rows from the last one not after `from_s` to the first not before `to_s`; `None` if these are
+/// not in order within `times`.
 pub(super) fn rows_around(times: &[f64], from_s: f64, to_s: f64) -> Option<Range<usize>> {
     if from_s >= to_s || !(*times.first()? <= from_s && to_s <= *times.last()?) {
         return None;

@@ -8,13 +8,12 @@ use shell_data::wrench::Axis;
 
 pub(crate) const PHASES: usize = 32;
 
-/// A force over the phase: mean and standard deviation between strides, in N, for each of `PHASES`
-/// equal bins of the phase.
+/// Mean and standard deviation between strides, in N, for each of `PHASES` equal bins of the phase.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct PhaseForce {
     /// Mean over the strides of the mean in a bin.
     pub mean_n: Vec<f64>,
-    /// Standard deviation between strides, 0 for a single stride.
+    /// Standard deviation between strides; 0 for a single stride.
     pub sd_n: Vec<f64>,
 }
 
@@ -28,8 +27,8 @@ pub struct PhaseProfile {
 }
 
 impl PhaseProfile {
-    /// Averages the whole strides of a trace in a window, s. Skips strides without a row in some
-    /// bin (the leg stalled, or rows are missing). `None` without forces or without strides left.
+    /// Averages the whole strides of a trace in a window, s, except strides without a row in some
+    /// bin (stalls, missing rows). `None` without forces or strides.
     pub fn new(trace: &Trace, [from_s, to_s]: [f64; 2]) -> Option<Self> {
         let spans = trace.stride_times_s.windows(2).map(|pair| [pair[0], pair[1]]);
         let spans = spans.filter(|[start, end]| *start >= from_s && *end <= to_s);
@@ -158,8 +157,8 @@ mod tests {
         assert_eq!(whole.strides, merged.strides);
         for (a, b) in [(&whole.drag, &merged.drag), (&whole.lift, &merged.lift)] {
             let pairs = a.mean_n.iter().chain(&a.sd_n).zip(b.mean_n.iter().chain(&b.sd_n));
-            // Sums of eighteen values in another order; the root of rounding errors where the
-            // deviation is zero.
+            // Eighteen values in another order; the root of rounding errors for a deviation of
+            // zero.
             assert!(pairs.into_iter().all(|(a, b)| (a - b).abs() < 1e-7));
         }
     }

@@ -1,8 +1,7 @@
 //! Electrical power of the leg motors.
 //!
-//! The source is the first of these in the log: columns of power, the battery's voltage times
-//! columns of current (both need units in the profile), or the formula of the motor with duty and
-//! back EMF.
+//! The source is the first of these in the log: columns of power, battery voltage times columns of
+//! current (both need units in the profile), or the motor's formula with duty and back EMF.
 
 use std::ops::Range;
 
@@ -15,7 +14,7 @@ use shell_data::telemetry::Telemetry;
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Power {
     pub(super) total_w: Vec<f64>,
-    /// The power of the right and the left motor, if the log has both.
+    /// Right and left motor, if the log has both.
     pub(super) sides_w: Option<[Vec<f64>; 2]>,
 }
 
@@ -25,13 +24,11 @@ const CURRENTS: [Telemetry; 3] =
 
 const NO_ENERGY: &str = "electrical energy and specific resistance are left out";
 
-/// The plausible range of a robot's battery voltage, V. Readings outside it have another unit than
-/// the profile states.
+/// Plausible battery voltages, V. Other readings have another unit than the profile states.
 const BATTERY_V: std::ops::RangeInclusive<f64> = 0.5..=100.0;
 
 impl Power {
-    /// Computes power from telemetry, or gives the reason why it cannot. The battery is checked in
-    /// the rows `window`.
+    /// Computes power from telemetry, or why not. The battery is checked in the rows `window`.
     pub(super) fn new(
         rows: &TrialRows,
         profile: &Profile,
@@ -70,8 +67,7 @@ struct PowerColumns<'a> {
 }
 
 impl PowerColumns<'_> {
-    /// A column in SI units: from the unit in the profile, or otherwise from counts of `per_count`
-    /// each.
+    /// A column in SI units: from the unit in the profile, or else from counts of `per_count` each.
     fn in_si(&self, kind: Telemetry, per_count: Option<f64>) -> Option<Vec<f64>> {
         let unit = self.profile.unit(kind).or(per_count)?;
         Some(self.rows.telemetry(kind)?.iter().map(|value| value * unit).collect())

@@ -1,7 +1,7 @@
 //! Robot profiles: the scales of a robot's telemetry, and its properties.
 //!
-//! A profile is a TOML document. The file of the built-in [`Profile::velociroach`] cites the source
-//! of each constant; a document with `base = "velociroach"` lists only the differences from it.
+//! The built-in [`Profile::velociroach`] cites the source of each constant. A document with
+//! `base = "velociroach"` lists only the differences from it.
 
 use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
@@ -13,7 +13,7 @@ use toml::{Spanned, Table, Value};
 
 use super::manifest::{ManifestProblem, parse_toml as parse};
 
-/// The built-in profile as a document, as a template for others.
+/// The built-in profile as a template for others.
 pub const VELOCIROACH: &str = include_str!("../assets/profiles/velociroach.toml");
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -33,7 +33,6 @@ pub struct Profile {
 #[serde(deny_unknown_fields)]
 pub struct TelemetryScales {
     pub leg_rad_per_count: f64,
-    /// Angular rate, °/s.
     pub gyro_deg_s_per_count: f64,
     pub acceleration_m_s2_per_count: f64,
     pub back_emf_v_per_count: f64,
@@ -46,7 +45,7 @@ pub struct TelemetryScales {
 pub struct TelemetryColumn {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
-    /// Its unit, if not counts.
+    /// `None` for counts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unit: Option<String>,
 }
@@ -82,11 +81,8 @@ impl Profile {
         Self::parse(VELOCIROACH).expect("the built-in profile is tested")
     }
 
-    /// Reads a profile.
-    ///
     /// # Errors
-    /// [`ManifestProblem`] with line and column: not TOML, a missing or unknown key, a constant
-    /// that is not a positive number, or a unit that does not suit the column.
+    /// [`ManifestProblem`]: not TOML, missing or unknown keys, constants that are not positive, unsuitable units.
     pub fn parse(text: &str) -> Result<Self, ManifestProblem> {
         let has_base = parse::<Table>(text)?.contains_key("base");
         let profile: Self = if has_base { Differences::parse(text)? } else { parse(text)? };
@@ -94,7 +90,6 @@ impl Profile {
             check_column(key, column)
                 .map_err(|message| ManifestProblem::at_key(text, "columns", key, message))?;
         }
-        // All numbers of the profile are constants.
         for (table, constants) in &Table::try_from(&profile).expect("a profile is a document") {
             for (key, value) in constants.as_table().into_iter().flatten() {
                 if let Value::Float(value) = *value

@@ -11,8 +11,8 @@ use super::trace::Trace;
 use super::uncertainty::ForceUncertainty;
 use shell_data::wrench::Axis;
 
-/// The results of one trial. Values that the log or the calibration does not allow are `None`, with
-/// the reason in [`TrialResult::diagnostics`].
+/// Values that the log or the calibration does not allow are `None`, with the reason in
+/// [`TrialResult::diagnostics`].
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TrialResult {
     #[serde(flatten)]
@@ -20,10 +20,10 @@ pub struct TrialResult {
     pub stride_rows: Vec<StrideRow>,
     #[serde(rename = "remarks")]
     pub diagnostics: Vec<Diagnostic>,
-    /// The signals over the window, or over the whole log, if requested.
+    /// Over the window, or over the whole log, if requested.
     #[serde(skip)]
     pub trace: Option<Trace>,
-    /// Drag and lift over the phase of the leg, if computed from the trace.
+    /// Computed from the trace.
     #[serde(skip)]
     pub phase: Option<PhaseProfile>,
 }
@@ -58,7 +58,7 @@ pub struct TrialRow {
     /// Mean velocity v̄, m/s.
     pub velocity_m_s: f64,
     pub rows: u64,
-    /// Number of rows in the window with new readings; `None` without sensors.
+    /// `None` without sensors.
     pub fresh_frames: Option<u64>,
     #[serde(flatten)]
     pub measures: RunMeasures,
@@ -77,9 +77,8 @@ pub struct TrialRow {
 }
 
 impl TrialRow {
-    /// The error of a quantity due to the calibration, as components along directions common to all
-    /// trials, with its degrees of freedom. Returns `None` if it is unknown; it is zero for
-    /// quantities that do not depend on forces.
+    /// Error due to the calibration, as components along directions common to all trials, with its
+    /// degrees of freedom. `None` if unknown; zero for quantities that do not depend on forces.
     pub fn shared_error(&self, quantity: Quantity) -> Option<(Vec<f64>, f64)> {
         let (axis, factor) = match quantity {
             Quantity::Drag => (Axis::Fx, -1.0),
@@ -175,7 +174,6 @@ impl Quantity {
     pub const COMPARED: [Self; 3] =
         [Self::DragEnergy, Self::ElectricalEnergy, Self::SpecificResistance];
 
-    /// The name, the name of the column, and the unit.
     const fn texts(self) -> [&'static str; 3] {
         match self {
             Self::Drag => ["drag", "drag_mean_n", "N"],

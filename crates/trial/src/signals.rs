@@ -33,8 +33,7 @@ impl Signals {
     /// Computes the signals, and adds `diagnostics` on missing data and on the rows `window`.
     ///
     /// # Errors
-    /// [`TrialError`] if there are neither forces nor power, or the sensors do not match the
-    /// calibration.
+    /// [`TrialError`] if there are neither forces nor power, or the sensors do not match the calibration.
     pub(super) fn new(
         input: &TrialInput<'_>,
         window: Range<usize>,

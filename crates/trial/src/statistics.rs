@@ -3,15 +3,13 @@
 //! - Quartiles interpolate between the two nearest values at rank `(n − 1)·p` (type 7 of Hyndman &
 //!   Fan, Am. Statist. 50, 1996), as in NumPy, matplotlib and R.
 //! - Whiskers are Tukey's: the outermost values within 1.5 interquartile ranges of the box.
-//! - Intervals of the mean are from the bias-corrected and accelerated bootstrap (BCa: Efron, J.
-//!   Am. Statist. Assoc. 82, 1987; Efron & Tibshirani, An Introduction to the Bootstrap, §14.3). It
-//!   is too narrow for few trials, so the normal quantile is replaced by `√(n/(n − 1))·t`
-//!   (Hesterberg, Am. Statist. 69, 2015, §4.1). With fewer than eight trials the interval is
-//!   Student's; with fewer than five there is none.
-//! - The error of the calibration is common to all trials and does not average out: it is added in
-//!   quadrature.
-//! - Strides of one trial resemble each other. The bootstrap therefore resamples whole trials with
-//!   all their strides (Davison & Hinkley, Bootstrap Methods, §3.8); the mean is over strides.
+//! - Intervals of the mean are from the bias-corrected and accelerated bootstrap (BCa: Efron, J. Am. Statist. Assoc.
+//!   82, 1987; Efron & Tibshirani, An Introduction to the Bootstrap, §14.3). It is too narrow for few trials: `√(n/(n
+//!   − 1))·t` replaces the normal quantile (Hesterberg, Am. Statist. 69, 2015, §4.1). Fewer than eight trials have
+//!   Student's interval, fewer than five none.
+//! - The error of the calibration, common to all trials, does not average out: it is added in quadrature.
+//! - Strides of one trial resemble each other: the bootstrap resamples whole trials (Davison & Hinkley, Bootstrap
+//!   Methods, §3.8); the mean is over strides.
 
 use serde::Serialize;
 use statrs::distribution::{ContinuousCDF, Normal};
@@ -24,23 +22,21 @@ pub(crate) const RESAMPLES: usize = 4000;
 
 const LEVEL: f64 = 0.95;
 
-/// The minimum number of trials for an interval: the range of n values contains the median of their
-/// distribution with a probability of 1 − 2¹⁻ⁿ, 94 % for five.
+/// Fewest trials for an interval: the range of n values contains their distribution's median with a probability of 1
+/// − 2¹⁻ⁿ, 94 % for five.
 const FEWEST: usize = 5;
 
-/// The minimum number of trials for the bootstrap interval. With five normal values it covers 91 %,
-/// and Student's interval 95 %.
+/// Fewest trials for the bootstrap: of five normal values it covers 91 %, Student's interval 95 %.
 const FEWEST_BOOTSTRAPPED: usize = 8;
 
-/// The maximum number of trials that are resampled. With more, the distribution of the mean is
-/// normal except for its skewness, which is known, and resampling takes minutes.
+/// Most trials that are resampled. The mean of more is normal but for known skewness; resampling takes minutes.
 const MOST_DRAWN: usize = 5000;
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ValueSample {
     values: Vec<f64>,
     clusters: Vec<(f64, usize)>,
-    /// Errors common to all trials, along common directions: sums over the values.
+    /// Along common directions: sums over the values.
     shared: Vec<f64>,
     degrees_of_freedom: Option<f64>,
     is_unknown: bool,
@@ -57,9 +53,9 @@ pub struct Statistics {
     pub n: usize,
     pub trials: usize,
     pub mean: f64,
-    /// Standard deviation with `n − 1`; `None` for a single value.
+    /// With `n − 1`; `None` for a single value.
     pub sd: Option<f64>,
-    /// 95 % interval of the mean; `None` with fewer than five trials.
+    /// `None` with fewer than five trials.
     pub mean_95: Option<Interval>,
     pub q1: f64,
     pub median: f64,
@@ -68,9 +64,9 @@ pub struct Statistics {
     pub whisker_low: f64,
     /// The largest value within 1.5 interquartile ranges above the third quartile.
     pub whisker_high: f64,
-    /// The values beyond the whiskers, ascending.
+    /// Ascending.
     pub outliers: Vec<f64>,
-    /// All values, ascending.
+    /// Ascending.
     #[serde(skip)]
     pub values: Vec<f64>,
 }
@@ -79,7 +75,7 @@ pub struct Statistics {
 pub struct MeanDifference {
     pub reference: String,
     pub mean: f64,
-    /// The 95 % interval of the difference; `None` if either has fewer than five trials.
+    /// `None` if either has fewer than five trials.
     pub mean_95: Option<Interval>,
 }
 
@@ -94,8 +90,7 @@ impl ValueSample {
         }
     }
 
-    /// Adds the common errors of the `values` of the trial added last: components along directions
-    /// common to all trials, each one standard deviation.
+    /// Adds common errors of the trial added last: components along common directions, each one standard deviation.
     pub fn add_shared_error(&mut self, parts: &[f64], degrees_of_freedom: f64) {
         let count = self.clusters.last().map_or(0, |(_, count)| *count) as f64;
         self.shared.resize(self.shared.len().max(parts.len()), 0.0);
@@ -114,8 +109,7 @@ impl ValueSample {
         self.shared.iter().map(move |sum| sum / count)
     }
 
-    /// Widens the interval `scatter` about `mean`, which covers the scatter of trials, by their
-    /// common error; `parts` as in [`Self::add_shared_error`].
+    /// Widens the interval `scatter` about `mean` by the common error; `parts` as in [`Self::add_shared_error`].
     fn widened(&self, mean: f64, scatter: Interval, parts: impl Iterator<Item = f64>) -> Interval {
         let error = parts.map(|part| part * part).sum::<f64>().sqrt();
         let degrees = self.degrees_of_freedom.unwrap_or(f64::INFINITY);
@@ -196,12 +190,11 @@ fn interval(samples: &[Signed<'_>], seed: u64) -> Option<Interval> {
     }
 }
 
-/// Student's interval; for several samples with Welch's degrees of freedom (Biometrika 34, 1947).
-///
-/// A trial with several strides counts by its influence on the mean, `(s − c·m)·k/n`, with the sum
-/// s of its c strides, the mean m of all n strides, and k trials. (Hall's transformation, which
-/// removes skewness, covers one percent more of skewed values. But five values hardly determine the
-/// skewness, and if its estimate is large, one end runs away by many standard errors.)
+/// Student's interval; for several samples with Welch's degrees of freedom (Biometrika 34, 1947). A trial with
+/// several strides counts by its influence on the mean, `(s − c·m)·k/n`, with the sum s of its c strides, the mean m
+/// of all n strides, and k trials. (Hall's transformation removes skewness and covers one percent more of skewed
+/// values. But five values hardly determine the skewness, and a large estimate moves one end by many standard
+/// errors.)
 fn student(samples: &[Signed<'_>]) -> Interval {
     let (mut estimate, mut variance, mut welch) = (0.0, 0.0, 0.0);
     for &(sign, clusters) in samples {
@@ -229,8 +222,7 @@ fn bootstrap(samples: &[Signed<'_>], fewest: usize, seed: u64) -> Interval {
     let n = fewest as f64;
     let z = (n / (n - 1.0)).sqrt() * student_quantile(LEVEL, n - 1.0);
     let (variance, acceleration) = influence(samples, &means);
-    // The limit of the bootstrap distribution of a mean: its bias equals its acceleration (Efron &
-    // Tibshirani, §14.3), and its quantiles follow Cornish and Fisher.
+    // Limit for a mean: bias equals acceleration (Efron & Tibshirani, §14.3); quantiles by Cornish and Fisher.
     if samples.iter().any(|(_, clusters)| clusters.len() > MOST_DRAWN) {
         let end = |z: f64| {
             let shifted = acceleration + z;
@@ -269,8 +261,7 @@ fn bootstrap(samples: &[Signed<'_>], fewest: usize, seed: u64) -> Interval {
     Interval { low: end(-z), high: end(z) }
 }
 
-/// The variance of the bootstrap, and its acceleration, which is the skewness over six, from the
-/// changes when one cluster is omitted.
+/// Variance of the bootstrap, and its acceleration, skewness over six, from the changes without each cluster.
 fn influence(samples: &[Signed<'_>], means: &[f64]) -> (f64, f64) {
     let (mut squares, mut cubes) = (0.0, 0.0);
     for (i, (_, clusters)) in samples.iter().enumerate() {
@@ -309,14 +300,13 @@ mod tests {
         independent(values.iter().copied()).statistics(1).unwrap()
     }
 
-    /// Expected: `numpy.percentile` and `matplotlib.cbook.boxplot_stats` of the same values.
+    /// Expected values are those of `numpy.percentile` and `matplotlib.cbook.boxplot_stats`.
     #[test]
     fn box_plots_equal_those_of_matplotlib() {
         let s = of(&[7.0, 1.0, 2.0, 100.0, 3.0, 4.0]);
         assert_eq!((s.q1, s.median, s.q3), (2.25, 3.5, 6.25));
         assert_eq!((s.whisker_low, s.whisker_high), (1.0, 7.0));
         assert_eq!(s.outliers, [100.0]);
-        // No value lies between the third quartile, 2.75, and its fence: the whisker ends at the box.
         let s = of(&[1.0, 1.0, 1.0, 8.0]);
         assert_eq!((s.q3, s.whisker_high), (2.75, 2.75));
         assert_eq!(s.outliers, [8.0]);
@@ -328,7 +318,6 @@ mod tests {
         let value = |i: usize| (-(i as f64 + 0.5).ln() + (MOST_DRAWN as f64).ln()).powi(2);
         let drawn: Vec<f64> = (0..MOST_DRAWN).map(value).collect();
         let drawn = of(&drawn).mean_95.unwrap();
-        // One more value of this distribution.
         let more: Vec<f64> = (0..MOST_DRAWN).chain([MOST_DRAWN / 2]).map(value).collect();
         let found = of(&more).mean_95.unwrap();
         let width = drawn.high - drawn.low;
@@ -347,7 +336,6 @@ mod tests {
         assert_eq!((s.sd, s.mean_95), (Some(0.0), Some(Interval { low: 2.0, high: 2.0 })));
     }
 
-    /// For many normal values the interval is the textbook's, `mean ± 1.96·sd/√n`.
     #[test]
     fn the_interval_of_many_values_equals_that_of_the_normal_distribution() {
         let mut stream = RandomStream::new(9, Purpose::Readings, 0);
@@ -361,7 +349,6 @@ mod tests {
         assert!((high - (s.mean + 1.96 * se)).abs() < 0.21 * se);
     }
 
-    /// The share of 10,000 samples of `trials` values whose interval contains their mean.
     fn coverage(trials: usize, mean: f64, mut value: impl FnMut(&mut RandomStream) -> f64) -> f64 {
         let mut stream = RandomStream::new(8, Purpose::Readings, 0);
         let held = (0..10_000).filter(|_| {
@@ -387,7 +374,7 @@ mod tests {
         }
     }
 
-    /// The textbook interval of −2, −1, 0, 1 and 2: `t₄ = 2.7764`, `s/√5 = √0.5`.
+    /// `t₄ = 2.7764`, `s/√5 = √0.5`.
     #[test]
     fn the_interval_of_five_values_is_students() {
         let Interval { low, high } = of(&[-2.0, -1.0, 0.0, 1.0, 2.0]).mean_95.unwrap();
@@ -412,7 +399,6 @@ mod tests {
         let mut stream = RandomStream::new(3, Purpose::Readings, 0);
         let (mut clustered, mut alone) = (ValueSample::default(), ValueSample::default());
         for _ in 0..20 {
-            // Ten identical strides: no more information than one.
             let level = stream.normal();
             clustered.add_cluster([level; 10]);
             alone.add_cluster([level]);

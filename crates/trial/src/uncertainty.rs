@@ -1,30 +1,25 @@
 //! Uncertainty of the mean force of a window.
 //!
-//! The tared mean force is `dᵀC`, where C are the coefficients and d is the difference between the
-//! mean features of the window and those of the tare. Its error has four parts, which add as
-//! variances:
+//! The tared mean force is `dᵀC`, with coefficients C and the difference d between the mean features of the window
+//! and those of the tare. Its error has five parts, which add as variances:
 //!
-//! - the error of the coefficients, `‖Tᵀd‖²` (or `S·‖Fᵀd‖²` if rows are treated as independent; see
-//!   [`calibration::uncertainty`]);
-//! - the noise of the tare's mean, from the scatter of its frames, with their autocorrelation
-//!   (Newey & West, Econometrica 55, 1987);
+//! - the error of the coefficients, `‖Tᵀd‖²` (`S·‖Fᵀd‖²` for independent rows; see [`calibration::uncertainty`]);
+//! - the noise of the tare's mean, from its frames, with their autocorrelation (Newey & West, Econometrica 55, 1987);
 //! - the noise of the window's mean, from the same noise over its frames;
-//! - the error of the model, such as play in the springs. It does not average out over a window, and is taken
-//!   as the same share of any load, `(1 − R²)·(1 − σ²/S)·F²`: the training data's unexplained variance S
-//!   without the noise σ² of a frame;
-//! - with memory terms, the force that they would add if they did not fade. They are learned from loads that
-//!   are held for a short time; under a longer load play and slow creep stay, and the terms fade.
+//! - the error of the model, such as play in the springs. It does not average out, and is taken as the same share of
+//!   any load, `(1 − R²)·(1 − σ²/S)·F²`: the training data's unexplained variance S without the noise σ² of a frame;
+//! - with memory terms, the force that they would add without fading. They are learned from short loads; under longer
+//!   ones play and slow creep stay, and the terms fade.
 //!
-//! Without a tare, the residual variance of the calibration replaces the noise. The model error of
-//! a physics model, from held-out loads, includes the error of the coefficients.
+//! Without a tare, the residual variance of the calibration replaces the noise. The model error of a physics model,
+//! from held-out loads, includes the error of the coefficients.
 //!
-//! The first and the last part come from the calibration and are common to all trials: they do not
-//! average out over trials, and cancel in a difference as far as loads agree. Means and differences
-//! are therefore computed from a vector of components before its length.
+//! The first part and the last two come from the calibration and are common to all trials: they do not average out,
+//! and cancel in a difference as far as loads agree. Means and differences are therefore computed from a vector of
+//! components.
 //!
-//! The interval is Student's t with the Welch-Satterthwaite degrees of freedom. The coefficients
-//! have far fewer than groups if few groups have large loads
-//! ([`Covariance::degrees_of_combination`]).
+//! The interval is Student's t with the Welch-Satterthwaite degrees of freedom, of which coefficients have few if few
+//! groups have large loads ([`Covariance::degrees_of_combination`]).
 
 use super::input::TrialInput;
 use super::integral::Span;
@@ -39,8 +34,7 @@ const LEVEL: f64 = 0.95;
 pub struct ForceUncertainty {
     /// Half the widths of 95 % intervals, N.
     pub half_widths: PerAxis<f64>,
-    /// The error of the means due to the calibration: components along directions common to all
-    /// trials, each one standard deviation, N.
+    /// Error due to the calibration, N: components along common directions, each one standard deviation.
     pub shared: PerAxis<Vec<f64>>,
     pub degrees_of_freedom: PerAxis<f64>,
 }
@@ -52,7 +46,6 @@ pub(super) fn of_means(
     span: &Span,
 ) -> Option<ForceUncertainty> {
     let (calibration, pipeline) = (input.instrument.calibration?, input.pipeline?);
-    // Weight of each frame in its mean.
     let mut shares = vec![0.0; forces.frames.first().map_or(0, Vec::len)];
     span.shares.iter().for_each(|&(row, share)| shares[forces.frame_of_row[row]] += share);
     let mut of_tare = PerAxis::default();
@@ -74,9 +67,8 @@ pub(super) fn of_means(
             known
         }
         Kind::Physics(physics) => {
-            // The model's error of a frame covers any load and mounting, and a tare removes most of
-            // it. The remainder grows with the load: it is the share that held-out loads leave
-            // unexplained.
+            // A frame's model error covers any load and mounting, and a tare removes most of it. The remainder grows
+            // with the load: it is the share that held-out loads leave unexplained.
             input.options.unexplained?;
             let groups = physics.intervals.as_ref().map_or(0, |of| of.groups);
             let degrees = groups.saturating_sub(1).max(1) as f64;
@@ -121,7 +113,7 @@ pub(super) fn of_means(
 }
 
 struct ModelErrors {
-    /// The variance of the error of a frame, squares of N.
+    /// Variances, squares of N.
     of_frame: PerAxis<f64>,
     /// As in [`ForceUncertainty::shared`].
     shared: PerAxis<Vec<f64>>,
@@ -129,7 +121,6 @@ struct ModelErrors {
     degrees_of_freedom: PerAxis<f64>,
 }
 
-/// The errors due to coefficients, at the mean features of a window minus those of its tare.
 fn of_polynomial(covariance: &Covariance, difference: &[f64]) -> ModelErrors {
     let of_frame = std::array::from_fn(|axis| covariance.residual[axis][axis]);
     let shared = std::array::from_fn(|axis| match &covariance.coefficients {
@@ -149,8 +140,8 @@ fn of_polynomial(covariance: &Covariance, difference: &[f64]) -> ModelErrors {
     }
 }
 
-/// The force that memory terms would add to the mean of a window if they did not fade after the tare, N and
-/// N·m: their coefficients times the change of the moving averages of the readings.
+/// Force that memory terms would add to a window's mean without fading after the tare, N and N·m: their coefficients
+/// times the change of the moving averages of the readings.
 fn unfaded(
     polynomial: &Polynomial,
     (window, shares): (&[Vec<f64>], &[f64]),
@@ -199,8 +190,8 @@ fn products<'a>(factor: &'a [Vec<f64>], x: &'a [f64]) -> impl Iterator<Item = f6
     factor.iter().map(move |column| column.iter().zip(x).map(|(f, x)| f * x).sum())
 }
 
-/// Variance of two or more values, and that of their mean, times their number. It uses Bartlett's
-/// weights up to the cube root of the number, and is never less than for uncorrelated values.
+/// Variance of two or more values, and that of their mean times their number, with Bartlett's weights up to its cube
+/// root: never less than for uncorrelated values.
 fn variances(x: &[f64]) -> [f64; 2] {
     let n = x.len() as f64;
     let mean = x.iter().sum::<f64>() / n;
@@ -247,8 +238,7 @@ mod tests {
                 found += variances(&x)[1] / 200.0;
             }
             let expected = 1.0 / (1.0 - phi) / (1.0 - phi);
-            // Bartlett's weights up to lag 7 miss 1 − 2.50/3 in the second case; white noise is
-            // never underestimated.
+            // Bartlett's weights up to lag 7 miss 1 − 2.50/3 in the second case; white noise is never underestimated.
             assert!((share..1.12).contains(&(found / expected)), "{phi}: {}", found / expected);
         }
     }

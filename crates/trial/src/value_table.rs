@@ -11,9 +11,9 @@ use shell_data::hint::did_you_mean;
 pub struct ValueTable {
     pub by: String,
     pub quantities: Vec<String>,
-    /// Number of empty cells (missing values) of each quantity.
+    /// Empty cells are missing values.
     pub empty: Vec<usize>,
-    /// The conditions in order of first occurrence, with one sample per quantity.
+    /// In order of first occurrence, with one sample per quantity.
     pub conditions: Vec<(String, Vec<ValueSample>)>,
 }
 
@@ -23,7 +23,7 @@ pub struct ValueRow {
     pub quantity: String,
     #[serde(flatten)]
     pub statistics: Statistics,
-    /// Difference of the mean from the named reference, if this is another condition.
+    /// `None` for the reference itself.
     pub difference: Option<MeanDifference>,
 }
 
@@ -43,13 +43,12 @@ fn groups<T, K: Eq + Hash>(
 }
 
 impl ValueTable {
-    /// Reads a table with a header. Conditions are in the column `by`, or in the first one; values
-    /// are in the columns `of`, or in all others that contain only numbers. Rows with the same
-    /// entry in the column `trial`, if given, are strides of one trial, and resemble each other.
+    /// Reads a table with a header: conditions in the column `by` or the first, values in the
+    /// columns `of` or all others of numbers alone. Rows with one entry in the column `trial` are
+    /// strides of one trial, which resemble each other.
     ///
     /// # Errors
-    /// [`ManifestProblem`] if such a column, a column of numbers or any row is missing, or a field
-    /// is missing.
+    /// [`ManifestProblem`] if such a column, a column of numbers, a field or any row is missing.
     pub fn parse(
         text: &str,
         by: Option<&str>,

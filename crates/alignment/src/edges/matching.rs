@@ -1,8 +1,8 @@
 //! Pairs the edges of one recording with those of the other.
 //!
-//! Two pairs of edges close together give a guess of offset and skew, which is followed through
-//! both recordings: each edge takes the nearest one within reach, and the pairs found correct the
-//! guess. An edge that is missing, or present on one side only, costs that pair alone.
+//! Two nearby pairs of edges give a guess of offset and skew, followed through both recordings:
+//! each edge takes the nearest one within reach, and pairs correct the guess. An edge on one side
+//! only costs that pair alone.
 
 /// The largest skew between a clock with a crystal and one without.
 const MOST_SKEW: f64 = 2e-2;
@@ -149,8 +149,7 @@ fn follow(mut line: ClockLine, reference: &[f64], board: &[f64], blur_s: f64) ->
     (pairs.len() > 1).then_some(Pairing { pairs, line })
 }
 
-/// Pairs each edge of the board with the nearest one of the reference, if that is within reach and
-/// has no nearer partner.
+/// Pairs each edge of the board with the nearest of the reference within reach, if mutual.
 fn walk(line: ClockLine, reference: &[f64], board: &[f64], blur_s: f64) -> Vec<(usize, usize)> {
     let mut pairs: Vec<(usize, usize, f64)> = Vec::new();
     for (i, &time) in board.iter().enumerate() {

@@ -78,8 +78,8 @@ fn missing_and_extra_edges_are_left_unpaired() {
     }
     // A bounce mistaken for its edge shows as an outlying pair; no pair is far off.
     assert!(worst < 5.0, "{worst}");
-    // The RMS of 400 scores is at most 1 to within 4 of its standard deviations. It is smaller by
-    // up to a half, as ten edges do not show how large their common error is.
+    // The RMS of 400 scores is at most 1 to within 4 of its standard deviations, or up to a half
+    // less, as ten edges do not show their common error.
     for sum in squares {
         let rms = (sum / f64::from(sessions)).sqrt();
         let most = 1.0 + 4.0 / (2.0 * f64::from(sessions)).sqrt();

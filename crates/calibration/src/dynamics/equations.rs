@@ -1,7 +1,7 @@
-//! Normal equations of each fold, composed of products of features, memory terms and loads. The
-//! features `X` are eliminated once from the equations of all rows outside a fold, `XᵀX = L·Lᵀ`.
-//! Memory terms `M` then need only small equations, with the matrix `MᵀM − VᵀV`, `V = L⁻¹·XᵀM`;
-//! another lag changes only their right side. Products with loads at a lag between two periods are
+//! Normal equations of each fold, from products of features, memory terms and loads. The features
+//! `X` are eliminated once from the equations of all rows outside a fold, `XᵀX = L·Lᵀ`. Memory
+//! terms `M` then need only small equations, with the matrix `MᵀM − VᵀV`, `V = L⁻¹·XᵀM`; a lag
+//! changes only their right side. Products with loads at a lag between two periods are
 //! interpolated.
 
 use std::sync::{Arc, OnceLock};
@@ -23,10 +23,10 @@ const RIDGE: f64 = 1e-10;
 /// Largest lag that is searched, in periods.
 const FARTHEST: usize = 64;
 
-/// Number of knots for loads at a lag and their slope; the second is the one before the lag.
+/// Number of knots for loads at a lag and their slope; the lag follows the second.
 const KNOTS: usize = 4;
 
-/// Products over the rows of each fold, and over the rows of every [fit](FoldEquations::fits).
+/// Products over the rows of each fold and of every [fit](FoldEquations::fits).
 struct FoldSums {
     folds: Vec<Mat<f64>>,
     fits: Vec<Mat<f64>>,
@@ -163,8 +163,7 @@ struct Coefficients {
 
 type Fitted<'a> = (Blend, &'a Coefficients);
 
-/// Sums of products of the residual of the loads at a lag, and of the part of their slope that the
-/// features leave unexplained.
+/// Sums of products of residuals with the part of the loads' slope that features do not explain.
 #[derive(Clone, Copy)]
 pub(super) struct LagSums {
     pub(super) residual: PerAxis<f64>,
@@ -179,13 +178,12 @@ pub(super) struct FoldEquations<'a> {
     /// The features of all rows but those of each fold, then of all rows.
     fits: Vec<ScaledFactor>,
     knots: Vec<OnceLock<Knot>>,
-    /// Variances of the axes; 0 for axes that do not vary.
+    /// 0 for axes that do not vary.
     pub(super) variances: PerAxis<f64>,
 }
 
 impl<'a> FoldEquations<'a> {
-    /// Equations for lags about `origin`; `None` if rounding has made those of the features
-    /// indefinite.
+    /// Equations for lags about `origin`; `None` if rounding makes the features' indefinite.
     pub(super) fn new(samples: &'a SearchRows<'a>, origin: f64) -> Option<Self> {
         let loads = samples.loads(0.0);
         let variance = |axis: usize| {
@@ -207,8 +205,8 @@ impl<'a> FoldEquations<'a> {
         })
     }
 
-    /// Loads at a lag, and their slope over one period in each direction, so that noise of the
-    /// loads in between has no part in it. `None` for a lag too far from the origin.
+    /// Loads at a lag, and their slope over one period in each direction, which excludes the noise
+    /// of the loads in between. `None` for a lag too far from the origin.
     fn blends(&self, lag: f64) -> Option<[Blend; 2]> {
         let period = self.samples.clock.period;
         let at = (lag - self.origin) / period + FARTHEST as f64;
@@ -236,7 +234,6 @@ impl<'a> FoldEquations<'a> {
         self.fits.iter().zip(products).map(|(fit, products)| fit.eliminate(products)).collect()
     }
 
-    /// Products of the loads at two knots on each axis, over the rows of a fold or all rows.
     fn load_products(&self, a: usize, b: usize, fold: Option<usize>) -> PerAxis<f64> {
         let (low, high) = (self.knot(a.min(b)), self.knot(a.max(b)));
         let of_folds = low.with_next[a.abs_diff(b)].get_or_init(|| {
@@ -291,8 +288,8 @@ impl<'a> FoldEquations<'a> {
         terms.with_loads[knot].get_or_init(loads)
     }
 
-    /// The set with the terms of another time constant at a position, which may be behind the last.
-    /// `None` if rounding has made the equations indefinite.
+    /// The set with another time constant at a position, perhaps behind the last. `None` if
+    /// rounding makes it indefinite.
     pub(super) fn with(
         &self,
         set: &TermSet,
@@ -451,8 +448,7 @@ impl<'a> FoldEquations<'a> {
         Some(errors)
     }
 
-    /// Sums for the fit to all rows at a lag: over all rows and, if `by_fold`, over the rows of
-    /// each fold. `None` for a lag too far from the origin.
+    /// Sums for the fit at a lag, over all rows or fold by fold; `None` too far from the origin.
     pub(super) fn lag_sums(
         &self,
         set: &TermSet,

@@ -7,8 +7,7 @@ use shell_data::wrench::PerAxis;
 pub(super) struct FoldErrors {
     pub(super) rows: u64,
     pub(super) squares: PerAxis<f64>,
-    /// Rows of each fold, and its errors relative to the variance of each axis, averaged over those
-    /// that vary.
+    /// Rows of each fold, and its errors relative to the variance, averaged over varying axes.
     pub(super) scores: Vec<(u64, f64)>,
     /// Scores minus the part caused by noise of readings and loads.
     pub(super) systematic: Vec<(u64, f64)>,
@@ -24,7 +23,6 @@ impl FoldErrors {
         FoldMean::new(&self.systematic).value
     }
 
-    /// Returns true if errors fall by more than a standard error, and by this share.
     pub(super) fn are_lowered_by(&self, later: &Self, share: f64) -> bool {
         let gain = gain(&self.scores, &later.scores);
         gain.value > gain.standard_error && gain.value > share * self.score()

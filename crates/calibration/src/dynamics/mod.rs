@@ -5,10 +5,9 @@
 //!                                                                                    terms, the wrench moved by the lag
 //! ```
 //!
-//! Later steps (choice of a model, its errors, intervals) use this data set like any other. Both
-//! searches use the largest family of features that the number of rows supports. A lag or a memory
-//! term is kept if it lowers the errors on held-out rows by more than one standard error of their
-//! difference between folds, and still does without the part of noise: a filter is not a memory.
+//! Later steps use this data set like any other. Both searches use the largest family of features that the number of
+//! rows supports. A lag or memory term is kept if it lowers the held-out errors by more than one standard error of
+//! their difference between folds, even without the part of noise: a filter is not a memory.
 
 mod equations;
 mod errors;
@@ -37,36 +36,25 @@ const GAP_PERIODS: f64 = 10.0;
 /// Given lag and memory, s, or rows if logs have no clock. `None` requests a search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DynamicsRule<'a> {
-    /// Lag of the reference.
     pub lag: Option<f64>,
-    /// Time constants of the memory terms of a polynomial.
     pub memory: Option<&'a [f64]>,
 }
 
 impl DynamicsRule<'_> {
-    /// Neither lag nor memory.
     pub const NOTHING: Self = Self { lag: Some(0.0), memory: Some(&[]) };
-    /// A search for both.
     pub const AUTO: Self = Self { lag: None, memory: None };
 
-    /// Returns true if rows stay unchanged.
     pub fn is_nothing(&self) -> bool {
         *self == Self::NOTHING
     }
 }
 
-/// Lag and memory, found or given.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Dynamics {
-    /// Unit of time.
     pub time_base: TimeBase,
-    /// Lag that was compensated.
     pub lag: Option<ReferenceLag>,
-    /// Standard error of the lag, after a search.
     pub lag_standard_error: Option<f64>,
-    /// Memory terms that were kept.
     pub memory: Option<MemoryTerms>,
-    /// Gain of lag and memory, after a search.
     pub gain: Option<Gain>,
 }
 
@@ -83,26 +71,22 @@ pub struct Gain {
     pub with_all: PerAxis<f64>,
 }
 
-/// Reason not to search for lag and memory.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum NotSearched {
-    /// Loads are constant in each pose.
     #[error("the loads are constant in each pose")]
     Poses,
-    /// Neighbouring rows are uncorrelated; this is their largest correlation.
+    /// Largest correlation of neighbouring rows.
     #[error(
         "the rows are not in the order of time: neighbouring loads are not alike (correlation {0:.2})"
     )]
     Shuffled(f64),
-    /// Too few rows to hold some out.
     #[error("there are too few rows to hold some out")]
     FewRows,
-    /// Rows have weights.
     #[error("rows with weights are not in the order of time")]
     Weights,
 }
 
-/// Finds the requested lag and memory. A refusal to search is not an error: the rows remain usable.
+/// Finds the requested lag and memory. Rows that cannot be searched remain usable, without an error.
 ///
 /// # Errors
 /// [`FitError::TimeConstant`] if a given time constant is not positive.
@@ -148,7 +132,6 @@ fn refusal(data: &Dataset) -> Option<NotSearched> {
 }
 
 impl Dynamics {
-    /// Describes lag and memory in words, without their gain.
     pub fn words(&self) -> String {
         let lag = match &self.lag {
             Some(lag) => {

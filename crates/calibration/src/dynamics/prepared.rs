@@ -1,5 +1,4 @@
-//! Time along the rows of logs, and data sets with memory terms and the wrench at the time of the
-//! readings.
+//! Time along rows, and data sets with memory terms and the wrench at the time of the readings.
 
 use std::fmt;
 use std::ops::Range;
@@ -15,15 +14,14 @@ use shell_data::statistics::upper_median;
 /// Delay with which the reference shows a load, relative to the readings of the same row.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ReferenceLag {
-    /// Unit of time.
     pub time_base: TimeBase,
-    /// Lag in units of the time base; negative if the readings lag behind the reference.
+    /// In units of the time base; negative if the readings lag behind the reference.
     pub by: f64,
 }
 
 impl ReferenceLag {
-    /// Converts the time of readings, s, to the time of the same force on the clock of the
-    /// reference. Unchanged if the lag is in rows.
+    /// Converts the time of readings, s, to that of the same force on the reference's clock.
+    /// Unchanged if the lag is in rows.
     pub fn moved_s(&self, time_s: f64) -> f64 {
         /// Largest time at which a double resolves a nanosecond, to which times are rounded.
         const LARGEST_S: f64 = 1e6;
@@ -35,7 +33,6 @@ impl ReferenceLag {
     }
 }
 
-/// Size of the lag, as `4.38 ms`.
 impl fmt::Display for ReferenceLag {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (factor, unit) = super::unit(self.by.abs(), self.time_base);
@@ -68,7 +65,7 @@ impl RowClock {
         (self.time_base == TimeBase::Seconds).then_some(GAP_PERIODS * self.period)
     }
 
-    /// Memory terms; [`FitError::TimeConstant`] if a time constant is not positive.
+    /// [`FitError::TimeConstant`] if a time constant is not positive.
     pub(super) fn memory(&self, time_constants: &[f64]) -> Result<MemoryTerms, FitError> {
         let is_wrong = |tau: &&f64| !(**tau > 0.0 && tau.is_finite());
         if let Some(&wrong) = time_constants.iter().find(is_wrong) {
@@ -94,9 +91,9 @@ pub(super) struct BetweenRows {
 }
 
 impl BetweenRows {
-    /// Finds, for each of some rows in ascending order, the time `by` after the row's time: between
-    /// two rows, or up to one row beyond the ends of its segment; further out, the last value is
-    /// held. `times` ascend within each of `segments`.
+    /// Finds the time `by` after each of some ascending rows: between two rows, or up to one row
+    /// beyond the ends of its segment; further out, the last value is held. `times` ascend within
+    /// each of `segments`.
     pub(super) fn later(
         times: &[f64],
         segments: &[Range<usize>],
@@ -128,13 +125,13 @@ impl BetweenRows {
         rows.into_iter().map(of_row).collect()
     }
 
-    /// Value of a column at that time, linear between the rows.
+    /// Linear between the rows.
     pub(super) fn value(&self, column: &[f64]) -> f64 {
         column[self.before] + self.share * (column[self.after] - column[self.before])
     }
 }
 
-/// Divides rows where time goes back or jumps by more than `gap`, if that is given.
+/// Divides rows where time goes back or jumps by more than a given `gap`.
 pub(super) fn segments(times: &[f64], gap: Option<f64>) -> Vec<Range<usize>> {
     let goes_on = |before: &f64, after: &f64| {
         let step = after - before;
@@ -148,7 +145,7 @@ pub(super) fn segments(times: &[f64], gap: Option<f64>) -> Vec<Range<usize>> {
     times.chunk_by(goes_on).map(rows).collect()
 }
 
-/// Prepares rows for a calibration with this memory and lag.
+/// Prepares rows for this memory and lag.
 ///
 /// # Errors
 /// [`FitError::NoTime`] if memory or lag is by time and a log has no time.

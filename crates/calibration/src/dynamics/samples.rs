@@ -3,8 +3,8 @@
 //! `s` and `s − EMA_τ(s)` for a few time constants combine to a filter. If loads move slowly, a
 //! filter that averages noise lowers the errors although the sensor has no memory, and its delay
 //! looks like a lag; interpolation between rows averages noise of the loads. The part of noise is
-//! therefore computed separately: with `g` the gradient of a wrench with respect to a reading,
-//! `d_k` the coefficients of its memory terms, and white noise of variance σ²,
+//! therefore computed separately: with the gradient `g` of a wrench with respect to a reading, the
+//! coefficients `d_k` of its memory terms, and white noise of variance σ²,
 //!
 //! ```text
 //! σ²·(g² + 2·g·Σ d_k + Σ d_k·d_l·(1 + α_k·α_l/(1 − (1−α_k)·(1−α_l)))),   α = 1 − exp(−period/τ)
@@ -24,14 +24,13 @@ use shell_data::dataset::{Dataset, LogRows};
 use shell_data::statistics::upper_median;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Most rows that are read; more rows of longer recordings would add little.
 const MOST_ROWS: usize = 200_000;
 
 const MOST_USED: usize = 8_000;
 
 const ROWS_PER_FEATURE: usize = 10;
 
-/// Largest number of folds, and about the number of parts into which a few logs are divided.
+/// Most folds, and about the number of parts into which a few logs are divided.
 const FOLDS: usize = 10;
 
 const ENOUGH_LOGS: usize = 4;
@@ -100,7 +99,7 @@ impl<'a> LogPart<'a> {
 }
 
 impl<'a> SearchRows<'a> {
-    /// Returns `None` if there are too few rows or folds, or if a value is not finite.
+    /// Returns `None` for too few rows or folds, or a value that is not finite.
     pub(super) fn new(data: &'a Dataset, clock: &RowClock, intercept: bool) -> Option<Self> {
         let channels = data.channels();
         let rows = usize::try_from(data.rows()).ok()?;
@@ -225,8 +224,8 @@ fn group_ends(log: &LogRows, rows: usize, every: usize) -> Vec<usize> {
     ends.iter().map(|(_, end)| (*end.min(&rows)).div_ceil(every)).collect()
 }
 
-/// Divides the used rows into folds. A few logs are cut into parts of about equal length that
-/// contain whole groups; neighbouring parts or logs are combined if there are many.
+/// Divides the used rows into folds: parts of a few logs, about equally long and of whole groups,
+/// or combined neighbours.
 fn folds(logs: &[LogPart<'_>]) -> Vec<Range<usize>> {
     let parts = match logs.len() {
         ENOUGH_LOGS.. => 1,
@@ -239,7 +238,6 @@ fn folds(logs: &[LogPart<'_>]) -> Vec<Range<usize>> {
         ends.extend((1..=parts).map(|part| start + cut(part)));
         start += rows;
     }
-    // Removes parts without rows.
     ends.dedup();
     let count = ends.len() - 1;
     let folds = count.min(FOLDS);
@@ -249,11 +247,10 @@ fn folds(logs: &[LogPart<'_>]) -> Vec<Range<usize>> {
 
 const GRADIENT_ROWS: usize = 400;
 
-/// `Σ c²` of the fourth difference, `c` = 1, −4, 6, −4, 1, which removes everything that is smooth
-/// over five rows.
+/// `Σ c²` of the fourth difference, `c` = 1, −4, 6, −4, 1, which removes all that is smooth over
+/// five rows.
 const DIFFERENCE_GAIN: f64 = 70.0;
 
-/// Differences beyond this many times their median are jumps.
 const JUMP: f64 = 8.0;
 
 /// A row that comes later than this many periods follows a missing row.
@@ -313,8 +310,8 @@ impl ReadingNoise {
         Self { period, channels: channels.collect() }
     }
 
-    /// Variance of each axis due to this noise, N² and (N·m)². `features` are the coefficients of
-    /// the features; `terms` those of the memory terms, channel by channel for each time constant.
+    /// Variance of each axis by this noise, N² and (N·m)², from the coefficients of the features
+    /// and of the memory terms, channel by channel for each time constant.
     pub(super) fn of_wrench(
         &self,
         features: &Mat<f64>,
@@ -348,7 +345,7 @@ impl ReadingNoise {
 }
 
 /// Variance of white noise on the columns of several logs, each with its times, from fourth
-/// differences over rows at equal distances. 0 if there are none.
+/// differences over rows at equal distances; 0 without any.
 pub(super) fn variance<'a>(
     logs: impl Iterator<Item = (&'a [f64], impl AsRef<[f64]>)>,
     period: f64,

@@ -1,14 +1,14 @@
 //! Search for lag and time constants.
 //!
 //! **Lag.** Let `r` be the residual of the fit at a lag and `D⊥` the part of the loads' slope that
-//! the features leave unexplained. The lag solves `Σ r·D⊥ = 0`, the condition for least squared
-//! errors. The slope is taken over one row in each direction, so that the noise of a load is not in
-//! both factors: a direct minimum would be biased towards half rows, where interpolation averages
-//! noise. The standard error comes from the scatter of the sum between folds.
+//! the features leave unexplained. Least squared errors require `Σ r·D⊥ = 0`. The slope is taken
+//! over one row in each direction, so that the noise of a load is not in both factors: a direct
+//! minimum is biased towards half rows, where interpolation averages noise. The scatter of the sum
+//! between folds gives the standard error.
 //!
 //! **Time constants** are added one at a time, from a logarithmic grid, each with its own lag,
-//! because a short memory and a lag look alike while the longer memory is missing. All are then
-//! moved to the least errors on held-out rows.
+//! because a lag looks like a short memory while the longer one is missing. All are then moved to
+//! the least held-out errors.
 
 use std::sync::Arc;
 
@@ -28,9 +28,9 @@ const APART: f64 = 1.5;
 /// A memory term that lowers squared errors by a smaller share is not worth its state.
 const LEAST_GAIN: f64 = 0.02;
 
-/// Least gain of the first term if rows are labelled as groups: their order, and therefore the
-/// history, differs in use. Also the least gain of a lag beside memory terms there: creep that a
-/// few time constants do not describe fully looks like a lag.
+/// Least gain of the first term if rows are labelled as groups, whose order, and thereby history,
+/// differs in use; and of a lag beside memory terms there, because creep that these do not describe
+/// fully looks like a lag.
 const LEAST_GAIN_IN_GROUPS: f64 = 0.2;
 
 /// Errors relative to the loads are rounding below this.
@@ -50,8 +50,8 @@ const ROUNDS: [f64; 4] = [1.7, 1.4, 1.2, 1.08];
 
 type LagEstimate = (f64, f64);
 
-/// Runs the search that the rule requests; given values stay. If the caller cancels it, nothing is
-/// found, and the next pass over the rows reports the cancellation.
+/// Searches as the rule requests; given values stay. Finds nothing if cancelled, which the next
+/// pass over the rows reports.
 pub(super) fn search(
     samples: &SearchRows<'_>,
     rule: &DynamicsRule<'_>,
@@ -148,8 +148,8 @@ impl DynamicsSearch<'_> {
         (pays && lag.abs() > 2.0 * error).then_some((lag, error))
     }
 
-    /// Finds the lag by the method of the module, from a first guess, in at most `steps` steps.
-    /// Also returns the change of the sum with the lag.
+    /// Finds the lag from a first guess in at most `steps` steps, and the change of the sum with
+    /// the lag.
     fn lag(&self, set: &TermSet, start: f64, steps: usize) -> Option<(f64, f64)> {
         let period = self.samples().clock.period;
         let sums = |lag: f64| Some(self.equations.lag_sums(set, lag, false)?.0);
@@ -184,7 +184,6 @@ impl DynamicsSearch<'_> {
         })
     }
 
-    /// The standard error of a lag, from the scatter between folds.
     fn lag_error(&self, set: &TermSet, lag: f64, steepness: f64) -> Option<f64> {
         let (sums, folds) = self.equations.lag_sums(set, lag, true)?;
         let weights = self.weights(&sums);
@@ -219,7 +218,6 @@ impl DynamicsSearch<'_> {
         (self.samples().clock.period, self.samples().longest() / 4.0)
     }
 
-    /// Adds one time constant of a grid, and moves all of them and the lag to the least errors.
     fn one_more(
         &self,
         set: &TermSet,
@@ -269,8 +267,8 @@ impl DynamicsSearch<'_> {
         self.equations.errors(set, lag).map_or(f64::INFINITY, |errors| errors.systematic())
     }
 
-    /// Moves a time constant, by up to about a factor, to the least errors on a parabola through
-    /// three points. Returns the terms and their lag.
+    /// Moves a time constant by up to about a factor to the least errors on a parabola through
+    /// three points.
     fn move_one(
         &self,
         set: TermSet,

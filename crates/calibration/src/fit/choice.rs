@@ -1,5 +1,4 @@
-//! Choice of the model before the fit, with held-out errors and the groups within which errors are
-//! alike.
+//! Choice of the model before the fit, by held-out errors.
 
 use std::ops::Range;
 
@@ -25,27 +24,25 @@ use shell_data::dataset::{Dataset, RowSet};
 /// Minimum number of groups for standard errors by group, unless these are requested explicitly.
 const FEWEST_GROUPS: usize = 10;
 
-/// The model to fit, and the results that are known before the fit.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ModelChoice {
     pub(super) basis: Basis,
     pub(super) ridge: f64,
     pub(super) selection: Option<Selection>,
-    /// Held-out errors, if they were requested or the model was chosen by them.
     pub(super) cross_validation: Option<CrossValidation>,
     pub(super) advice: Option<Advice>,
-    /// The sums of the training rows by held-out group, if they were computed.
+    /// Sums of the training rows by held-out group.
     pub(super) sums: Option<GroupedSums>,
     /// Sums for the covariance by group, if `sums` do not suit the solver or the groups.
     pub(super) own_sums: Option<GroupedSums>,
-    /// The groups that the covariance holds out together, if they are blocks of time.
+    /// Groups that the covariance holds out together, if they are blocks of time.
     pub(super) stretches: Option<Vec<Range<usize>>>,
     pub(super) group_by: Option<GroupBy>,
     pub(super) labelled: Option<Dataset>,
     pub(super) by_group: bool,
-    /// Why it cannot come from the groups, although there are some.
+    /// Reason why it cannot come from the groups, although there are some.
     pub(super) not_grouped: Option<FitError>,
-    /// Why there should be no covariance at all, unless it is requested explicitly.
+    /// Reason for no covariance, unless it is requested explicitly.
     pub(super) few_groups: Option<FewGroups>,
 }
 
@@ -65,9 +62,8 @@ impl ModelChoice {
         self.group_by.as_ref().filter(|_| is_used)?.found()
     }
 
-    /// Holds out each block of time alone for the covariance, if the groups of `sums` are such
-    /// blocks and have, on average, at least half as many rows as the model has features. Each then
-    /// adds little to the scatter of all.
+    /// Holds out each block of time alone for the covariance, if blocks have, on average, at least half as many rows
+    /// as the model has features: each then adds little to the scatter of all.
     fn set_stretches(&mut self, sums: &GroupedSums, model: &Model) {
         let groups = sums.groups();
         let are_long = 2 * sums.rows() >= (groups * model.term_count()) as u64;
@@ -76,8 +72,7 @@ impl ModelChoice {
         self.stretches = (are_long && are_stretches).then(each_alone);
     }
 
-    /// Returns the warnings about missing standard errors by group, for the reasons known here and
-    /// to the fit (`not_grouped`).
+    /// Returns the warnings about missing standard errors by group, with the fit's own reason `not_grouped`.
     ///
     /// # Errors
     /// [`FitError::NoGroupCovariance`] if `rule` requests these errors explicitly.
@@ -97,8 +92,7 @@ impl ModelChoice {
     }
 }
 
-/// The rows and the options of a fit. Groups are found in all training rows; the rows to use are
-/// selected after all are labelled.
+/// Rows and options of a fit. Groups are found in all training rows, before the rows to use are selected.
 #[derive(Clone, Copy)]
 pub(super) struct FitInput<'a> {
     pub(super) train: &'a Dataset,
@@ -121,7 +115,7 @@ impl FitInput<'_> {
     }
 }
 
-/// Chooses the model, validates it, and finds the groups within which errors are alike, as far as requested.
+/// Chooses and validates the model, and finds the groups within which errors are alike, as far as requested.
 ///
 /// | step | rows that sum exactly | other rows, or memory terms |
 /// | --- | --- | --- |
@@ -185,7 +179,7 @@ impl FitOptions<'_> {
         self.basis().is_none() || self.cross_validation.is_some()
     }
 
-    /// The groups to find held-out errors on, if any: a model that is chosen is also judged.
+    /// Groups to find held-out errors on: a model that is chosen is also judged.
     pub(super) fn validation(&self) -> Option<HeldOut> {
         self.cross_validation.or_else(|| (self.model == ModelRule::Auto).then_some(HeldOut::Auto))
     }
@@ -199,7 +193,7 @@ impl FitOptions<'_> {
         }
     }
 
-    /// The number of folds for held-out errors; `None` if each of the `groups` is held out alone.
+    /// Number of folds; `None` if each of the `groups` is held out alone.
     pub(super) fn folds(&self, groups: usize) -> Option<usize> {
         match self.cross_validation {
             Some(HeldOut::Folds(folds)) => Some(folds),
@@ -225,9 +219,8 @@ impl FitOptions<'_> {
         }
     }
 
-    /// Chooses the family of features by folds of groups, on some rows of each group. Uses exact
-    /// sums if they are possible, regardless of the solver for the fit. Otherwise it also returns
-    /// the errors on each fold, unless rows were left out.
+    /// Chooses the family by folds of groups, on some rows of each group. Uses exact sums if possible, whatever the
+    /// fit's solver; otherwise it also returns the errors on each fold, unless rows were left out.
     fn choose_family(
         &self,
         choice: &mut ModelChoice,
@@ -306,7 +299,7 @@ impl FitOptions<'_> {
         if self.ridge > 0.0 { std::slice::from_ref(&self.ridge) } else { &selection::RIDGES }
     }
 
-    /// Takes standard errors and intervals from blocks of time in the files, if files of motion were held out.
+    /// Takes standard errors and intervals from blocks of time, if files of motion were held out.
     fn keep_stretches_of_files(&self, choice: &mut ModelChoice) {
         let is_served = self.validates()
             && self.covariance == CovarianceRule::Auto
@@ -323,8 +316,7 @@ impl FitOptions<'_> {
         choice.own_sums = Some(rows_by_group(&rows));
     }
 
-    /// Keeps the sums or rows for the solver's standard errors by group, if it cannot use the sums of the
-    /// held-out groups.
+    /// Keeps sums or rows for the solver's standard errors by group, if it cannot use those of the held-out groups.
     fn keep_for_solver(&self, choice: &mut ModelChoice, rows: &Dataset) {
         let (sums, model) = (rows_by_group(rows), self.model_of(rows, choice.basis));
         self.test_group_count(choice, &model, sums.groups());

@@ -1,6 +1,6 @@
 //! Contradictions among the training rows: parts whose reference differs from the rest, jumps of
-//! the zero, poses with far larger errors than all others, equal readings under different loads,
-//! and a reference that was computed from the readings.
+//! the zero, poses that err far more, equal readings under different loads, and a reference
+//! computed from the readings.
 
 use std::collections::HashMap;
 
@@ -22,7 +22,7 @@ const PARTS: usize = 4;
 const MOST_FILES: usize = 40;
 const MOST_REFERENCES: usize = 4;
 
-/// Minimum number of rows per channel of a part that serves as the reference.
+/// Rows per channel of a part that serves as the reference, at least.
 const ROWS_PER_CHANNEL: usize = 4;
 
 /// Limit for a part's error: this many errors of the reference part, but at least this share of its
@@ -33,28 +33,28 @@ const NO_ERROR: f64 = 1e-3;
 /// R² on every axis from which on a reference was computed from the readings.
 const COMPUTED: f64 = 0.999_999;
 
-/// Minimum error of a pose, in errors of the other poses, for a fault; and minimum number of poses.
-/// One pose of a sound recording, hung by hand, errs 6.4 times as much as the rest; a load written
-/// down wrongly, ten times and more.
+/// Least error of a faulty pose, in errors of the others, and least number of poses. A pose of a
+/// sound recording, hung by hand, errs 6.4 times as much; a load written down wrongly, ten times
+/// and more.
 const FAR_MORE: f64 = 7.0;
 const FEWEST_POSES: usize = 8;
 
-/// Maximum difference of equal readings of two poses, and minimum difference of different loads, as
-/// shares of their ranges; and the maximum number of poses that are compared.
+/// Largest difference of equal readings and least difference of different loads, as shares of their
+/// ranges; most poses compared.
 const SAME_READINGS: f64 = 0.005;
 const OTHER_LOADS: f64 = 0.2;
 const MOST_POSES: usize = 1000;
 
-/// Maximum number of means, in order of time, in which a jump of the zero is searched for; and the
-/// number of means on each side that show how sudden it is.
+/// Most means, in order of time, for a jump of the zero; and means on each side that show how
+/// sudden it is.
 const MEANS: usize = 240;
 const BESIDE: usize = 12;
 
 /// A log with more rows uses every second, third, … block for residuals.
 const MOST_ROWS: u64 = 100_000;
 
-/// Minimum share of the squares of the means that a jump of the zero explains, and minimum share of
-/// the jump between the means just before and just after it.
+/// Least share of the squares of the means that a jump explains, and of the jump between adjacent
+/// means.
 const EXPLAINED: f64 = 0.6;
 const SUDDEN: f64 = 0.6;
 
@@ -121,7 +121,6 @@ fn parts(fit: &Fit, workers: Workers<'_>) -> Result<Vec<String>, FitError> {
         }
     }
     let Some((reference, cured)) = best else { return Ok(Vec::new()) };
-    // Neighbours with the same change are reported as one.
     let mut told: Vec<String> = Vec::new();
     for same in cured.chunk_by(|a, b| a.1.change == b.1.change && a.0 + 1 == b.0) {
         let [(first, cure), ..] = same else { continue };
@@ -139,7 +138,7 @@ fn parts(fit: &Fit, workers: Workers<'_>) -> Result<Vec<String>, FitError> {
     Ok(told)
 }
 
-/// The largest jump of the mean residual of an axis, in the first log with a jump.
+/// Largest jump of an axis's mean residual, in the first log with a jump.
 fn zero_jumps(fit: &Fit) -> Option<String> {
     for log in &fit.used.logs {
         let blocks = (log.rows() / MOST_ROWS + 1) as usize;
@@ -186,7 +185,7 @@ struct Jump {
     explained: f64,
 }
 
-/// The jump of a column, if one explains most of it and is sudden.
+/// Jump of a column, if it explains most of it and is sudden.
 fn jump(column: &[f64]) -> Option<Jump> {
     let all = RunningVariance::new(column);
     let n = column.len();
@@ -284,7 +283,7 @@ fn same_readings(fit: &Fit) -> Option<String> {
     None
 }
 
-/// The means of each pose, in the order of first rows; `None` for more than [`MOST_POSES`].
+/// Means of each pose, by first row; `None` for more than [`MOST_POSES`].
 fn pose_means(data: &Dataset) -> Option<Vec<(String, PoseMeans)>> {
     let mut positions: HashMap<&str, usize> = HashMap::new();
     let mut poses: Vec<(String, PoseMeans)> = Vec::new();

@@ -1,10 +1,10 @@
 //! Cures for a reference that disagrees with a calibration: axes exchanged, turned or mirrored,
 //! signs, units, a zero, a delay.
 //!
-//! A signed permutation with a scale and a zero takes only the products of predicted and measured
-//! axes about their means: with `k` a sign times a scale, the mean squared error is
-//! `⟨(p − k·w)²⟩ = ⟨p²⟩ − 2k⟨pw⟩ + k²⟨w²⟩`, plus `(p̄ − k·w̄)²` unless a zero is subtracted. All 48
-//! turns and mirrors of forces and of moments, in every unit, therefore cost almost no time.
+//! A signed permutation with a scale and a zero takes only products of predicted and measured axes
+//! about their means: with a sign times a scale `k`, the mean squared error is `⟨(p − k·w)²⟩ = ⟨p²⟩
+//! − 2k⟨pw⟩ + k²⟨w²⟩`, plus `(p̄ − k·w̄)²` unless a zero is subtracted. All 48 turns and mirrors of
+//! forces and of moments cost almost no time.
 
 use least_squares::quality::significant;
 use shell_data::wrench::{Axes, Axis, PerAxis};
@@ -12,8 +12,8 @@ use shell_data::wrench::{Axes, Axis, PerAxis};
 /// Minimum factor by which a cure reduces the error of the worst axis.
 const SMALLER: f64 = 3.0;
 
-/// Maximum share of the squares of the loads that remains as error after a cure: in large units,
-/// even a reference of noise has small errors.
+/// Largest share of the loads' squares left as error by a cure: in large units, even noise has
+/// small errors.
 const MOST_LEFT: f64 = 0.3;
 
 /// Largest ratio of errors to those of the best cure for both to be equally good.
@@ -40,7 +40,6 @@ const MOMENT_SCALES: [(f64, &str); 6] = [
 /// Longest delay that is tried, in rows.
 const LONGEST_DELAY: usize = 64;
 
-/// A change of reference or readings after which errors beyond their limits are far smaller.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Cure {
     /// The change, as in "exchanging Fx and Fy".
@@ -67,8 +66,8 @@ impl Cure {
         })
     }
 
-    /// Returns the change as a cure if it reduces the errors enough, to a small share of the
-    /// `loads`, which are root mean squares.
+    /// Returns the change as a cure if errors fall enough, to a small share of the root mean square
+    /// `loads`.
     pub(super) fn if_cured(
         change: String,
         axes: Axes,
@@ -148,7 +147,6 @@ impl WrenchProducts {
         }
     }
 
-    /// The root mean square error of an axis that is read from the reference as `of` says.
     fn rms(&self, axis: usize, of: Reading, scale: f64, zero: bool) -> f64 {
         let k = of.sign * scale;
         let about_means = self.predicted[axis] - 2.0 * k * self.both[axis][of.from]
@@ -170,7 +168,6 @@ impl WrenchProducts {
         std::array::from_fn(|at| self.rms(3 * block + at, axes[at], scale.0, *zero))
     }
 
-    /// Returns true if the errors after a change are a small share of the loads.
     fn explains(&self, block: usize, change: &BlockChange) -> bool {
         let left: f64 = self.of_block(block, change).iter().map(|rms| rms * rms).sum();
         let load = |of: &Reading| {
@@ -180,7 +177,6 @@ impl WrenchProducts {
         left <= MOST_LEFT * change.axes.iter().map(load).sum::<f64>()
     }
 
-    /// The simplest change after which errors beyond their limits are far smaller.
     pub(super) fn cure(&self, limit: &PerAxis<f64>, axes: Axes) -> Option<Cure> {
         if self.rows == 0.0 {
             return None;
@@ -239,7 +235,6 @@ impl WrenchProducts {
     }
 }
 
-/// Returns true if errors, in units of their limits, are cured.
 fn cures(before: f64, after: f64) -> bool {
     before > 1.0 && before > SMALLER * after
 }
@@ -376,7 +371,6 @@ fn columns(names: [&str; 3], axes: &Signed) -> String {
     }
 }
 
-/// The delay of the measured wrench, in consecutive rows, that makes the errors far smaller.
 pub(super) fn delay(
     predicted: &PerAxis<Vec<f64>>,
     measured: &[Vec<f64>],

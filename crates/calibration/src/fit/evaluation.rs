@@ -1,10 +1,8 @@
-//! Errors of a calibration on measured wrenches, by log and by group, and the difference between
-//! two calibrations.
+//! Errors of a calibration by log and by group, and the difference between two calibrations.
 //!
-//! Groups that are hard for one calibration are mostly hard for the other, so the difference is
-//! known better than either error. With D the mean over the groups of the difference of squared
-//! errors, weighted by rows, and s its standard error ([`FoldMean`]), the errors differ by
-//! `RMS₁ − RMS₂ = D/(RMS₁ + RMS₂)`, with a 95 % interval of half width `t·s/(RMS₁ + RMS₂)` and
+//! Groups that are hard for one calibration are mostly hard for the other, so the difference is known better than
+//! either error. With D the row-weighted mean over the groups of the difference of squared errors and s its standard
+//! error ([`FoldMean`]), `RMS₁ − RMS₂ = D/(RMS₁ + RMS₂)`, with a 95 % interval of half width `t·s/(RMS₁ + RMS₂)` and
 //! Student's t for G − 1 degrees of freedom.
 
 use std::collections::HashMap;
@@ -26,30 +24,23 @@ use shell_data::dataset::{Dataset, LabelledBlock};
 use shell_data::fingerprint::Fingerprint;
 use shell_data::wrench::PerAxis;
 
-/// Errors of a calibration over some logs.
 #[derive(Clone, Debug, Default)]
 pub struct Evaluation {
-    /// Number of rows used.
     pub rows: u64,
-    /// Number of bad rows that were left out.
     pub skipped_rows: u64,
-    /// Number of rows whose readings repeat the previous row's, used or not.
     pub repeated_rows: u64,
-    /// Number of used rows with a reading outside the range of the training data.
     pub out_of_range_rows: u64,
     /// Predicted minus measured, per axis.
     pub errors: PerAxis<AxisErrors>,
 }
 
 impl Evaluation {
-    /// The errors on all rows of some logs.
     pub fn total(evaluations: &[Self]) -> Self {
         let mut total = Self::default();
         evaluations.iter().for_each(|evaluation| total.merge(evaluation));
         total
     }
 
-    /// Adds the rows of `other`.
     pub fn merge(&mut self, other: &Self) {
         self.rows += other.rows;
         self.skipped_rows += other.skipped_rows;
@@ -58,7 +49,6 @@ impl Evaluation {
         quality::merge(&mut self.errors, &other.errors);
     }
 
-    /// Returns true if there are rows and all of them are outside the range of the training rows.
     pub fn is_out_of_range(&self) -> bool {
         self.rows > 0 && self.out_of_range_rows == self.rows
     }
@@ -70,7 +60,6 @@ impl Evaluation {
         self.quality().is_some_and(|axes| axes.iter().any(is_large))
     }
 
-    /// The quality of every axis; `None` without rows.
     pub fn quality(&self) -> Option<PerAxis<AxisQuality>> {
         let [fx, fy, fz, mx, my, mz] = self.errors.map(|errors| errors.quality());
         Some([fx?, fy?, fz?, mx?, my?, mz?])
@@ -91,7 +80,6 @@ pub fn evaluate(
 
 #[derive(Clone, Copy, Default)]
 struct EvalOptions<'a> {
-    /// Units in which errors are counted by their size, if they are counted.
     size_unit: Option<&'a PerAxis<f64>>,
     row_test: Option<&'a RowTest<'a>>,
     compares: bool,
@@ -102,7 +90,6 @@ struct EvalOptions<'a> {
 pub(super) struct RowErrors {
     pub(super) logs: Vec<Evaluation>,
     pub(super) sizes: Option<PerAxis<Magnitudes>>,
-    /// The rows that were tested as outliers, by block, if requested.
     pub(super) tested: Vec<Vec<TestedRow>>,
     pub(super) loads: WrenchSums,
     pub(super) fingerprints: Vec<Fingerprint>,
@@ -124,7 +111,6 @@ impl RowErrors {
             ..Evaluation::default()
         }));
         let stride = RowSample::stride(data.rows());
-        // Predictions and sizes of errors of a thread.
         type State = (PerAxis<Vec<f64>>, Option<PerAxis<Magnitudes>>);
         let work = |(predicted, sizes): &mut State, &(log, block): &(usize, &LabelledBlock)| {
             let rows = &*block.rows;
@@ -169,9 +155,7 @@ impl RowErrors {
         Ok(all)
     }
 
-    /// Computes the results for training rows and test rows. `size_unit` has the units in which
-    /// errors on the training rows are counted by size, and `row_test` tests these rows as
-    /// outliers.
+    /// Computes the errors, on training rows counted in `size_unit`, and tests the training rows by `row_test`.
     pub(super) fn of_fit(
         calibration: &Calibration,
         [train, test]: [&Dataset; 2],
@@ -195,9 +179,9 @@ impl RowErrors {
 /// Shares of rows whose pose is on both sides of a split, if the rows were recorded in poses.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Leaks {
-    /// The share of test rows at poses of the training rows.
+    /// Share of test rows at poses of the training rows.
     pub test: Option<f64>,
-    /// The share of training rows whose pose also has rows in other groups.
+    /// Share of training rows whose pose also has rows in other groups.
     pub groups: Option<f64>,
 }
 
@@ -207,8 +191,7 @@ impl Leaks {
         self.test.filter(|&share| share >= LEAKY)
     }
 
-    /// The share of leaking training rows, if it is so large that errors on held-out groups say
-    /// nothing about new poses.
+    /// The share of leaking training rows, if errors on held-out groups then say nothing about new poses.
     pub fn in_groups(&self) -> Option<f64> {
         self.groups.filter(|&share| share >= LEAKY)
     }
@@ -217,20 +200,17 @@ impl Leaks {
 /// Errors by group, and a sample of the loads.
 #[derive(Clone, Debug, Default)]
 pub struct GroupedErrors {
-    /// The groups, in the order of their first rows.
+    /// In the order of their first rows.
     pub groups: Vec<GroupErrors>,
     /// Measured wrenches, sampled evenly from all rows, N and N·m.
     pub loads: Vec<PerAxis<f64>>,
 }
 
-/// The errors of a calibration on one group.
 #[derive(Clone, Debug)]
 pub struct GroupErrors {
-    /// The label from a column, or the name of a file or plateau.
     pub label: String,
-    /// Number of rows.
     pub rows: u64,
-    /// The mean measured wrench, N and N·m.
+    /// Mean measured wrench, N and N·m.
     pub load: PerAxis<f64>,
     /// Predicted minus measured.
     pub errors: PerAxis<AxisErrors>,
@@ -252,7 +232,6 @@ pub fn group_errors(
     errors_by_group(convert, data, sample, workers)
 }
 
-/// The errors of any conversion of blocks to wrenches.
 pub(super) fn errors_by_group(
     convert: impl Fn(&LabelledBlock, &mut PerAxis<Vec<f64>>) + Sync,
     data: &Dataset,
@@ -308,13 +287,9 @@ pub(super) fn errors_by_group(
 /// The errors of two calibrations on the same rows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PairedErrors {
-    /// Number of rows.
     pub rows: u64,
-    /// The definition of the groups.
     pub group_by: GroupBy,
-    /// Number of groups.
     pub groups: usize,
-    /// The errors on each axis.
     pub axes: PerAxis<PairedError>,
 }
 
@@ -324,7 +299,6 @@ const ROUNDING: f64 = 1e-9;
 /// The errors of two calibrations on one axis, N or N·m.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PairedError {
-    /// The root mean squares of both.
     pub rms: [f64; 2],
     /// The first minus the second.
     pub difference: f64,
@@ -332,19 +306,15 @@ pub struct PairedError {
     pub half_width: f64,
 }
 
-/// The one of two calibrations with the smaller errors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Better {
-    /// The first.
     First,
-    /// The second.
     Second,
     /// The interval of the difference contains zero.
     Neither,
 }
 
 impl PairedError {
-    /// The 95 % interval of the difference.
     pub fn interval(&self) -> [f64; 2] {
         [self.difference - self.half_width, self.difference + self.half_width]
     }

@@ -1,5 +1,5 @@
-//! Examination of a fit: errors on the test against the promised errors, the cure if they are
-//! larger, and contradictions among the training rows.
+//! Examination of a fit: test errors against promised errors, a cure if they are larger, and contradicting training
+//! rows.
 
 use super::cures::{Cure, WrenchProducts, delay};
 use super::evaluation::{GroupErrors, group_errors};
@@ -18,8 +18,8 @@ use shell_data::block::Block;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// A test fails if its error is certainly larger than this many times the promised error. The
-/// second limit applies if only the training error is known, not the error on held-out rows.
+/// A test fails if its error is certainly larger than this many times the promised one, known from held-out rows or,
+/// second, from training rows alone.
 const MOST: f64 = 2.0;
 const MOST_OF_TRAINING: f64 = 3.0;
 
@@ -29,65 +29,54 @@ const NO_ERROR: f64 = 1e-3;
 /// Maximum number of rows on which each exchange of two channels is tried.
 const ROWS_OF_EXCHANGE: usize = 300;
 
-/// The subject of a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FaultPlace {
-    /// The test.
     Test,
-    /// The training rows.
     Data,
 }
 
-/// A reason not to use a calibration, or not before something has been done.
+/// Reason not to use a calibration, or not before something has been done.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Fault {
-    /// Its subject.
     pub place: FaultPlace,
-    /// The description, with the cure if one is known.
+    /// Description, with the cure if one is known.
     pub text: String,
 }
 
 /// The error on the test divided by the promised error, on the axis where it is most certainly too large.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TestRatio {
-    /// The axis.
     pub axis: Axis,
-    /// The error divided by the promised error.
     pub ratio: f64,
-    /// The 95 % interval of the ratio, from the scatter between groups of test rows; zero to
-    /// infinity for a single group.
+    /// 95 % interval, from the scatter between groups of test rows; zero to infinity for a single group.
     pub interval: [f64; 2],
 }
 
-/// The results of an examination.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Examination {
-    /// The result of the test, if there is a test and an axis varies.
+    /// `None` without a test or if no axis varies.
     pub test: Option<TestRatio>,
-    /// Faults, the most important first.
+    /// Most important first.
     pub faults: Vec<Fault>,
 }
 
 impl Fault {
-    /// Creates a fault of the test.
     pub fn of_test(text: impl Into<String>) -> Self {
         Self { place: FaultPlace::Test, text: text.into() }
     }
 
-    /// Creates a fault of the training rows.
     pub fn of_data(text: impl Into<String>) -> Self {
         Self { place: FaultPlace::Data, text: text.into() }
     }
 }
 
-/// The errors that a calibration promises on new rows, and the loads that it was fitted to.
+/// Errors that a calibration promises on new rows, and the loads that it was fitted to.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Promise {
     /// Root mean square errors, N and N·m.
     pub rms: PerAxis<f64>,
-    /// Possible increase of these errors in a new file, as a factor, from the scatter between files; 1 if no
-    /// files were held out.
+    /// Factor by which errors may be larger in a new file, from the scatter between files; 1 if none were held out.
     pub spread: PerAxis<f64>,
     /// True for errors on held-out rows, false for those on training rows.
     pub is_held_out: bool,
@@ -96,8 +85,7 @@ pub struct Promise {
 }
 
 impl Promise {
-    /// Creates a promise from held-out errors and their spread between files or, without these, from the
-    /// errors on training rows.
+    /// Creates a promise from held-out errors and their spread between files or, without these, from training errors.
     pub fn new(
         train: &PerAxis<AxisQuality>,
         (held_out, spread): (Option<&CrossValidation>, Option<PerAxis<f64>>),
@@ -117,14 +105,12 @@ impl Promise {
         }
     }
 
-    /// The factor by which errors on a test may exceed the promise.
     fn most(&self) -> f64 {
         if self.is_held_out { MOST } else { MOST_OF_TRAINING }
     }
 
-    /// Compares the errors on a test with the promise: the ratio on the axis that most certainly exceeds it,
-    /// and the fault if the test or one of its logs does. `outside` are the numbers of rows out of the
-    /// calibrated range and of all rows.
+    /// Compares test errors with the promise: the ratio on the axis that most certainly exceeds it, and the fault if
+    /// the test or one of its logs fails. `outside`: numbers of rows out of the calibrated range and of all rows.
     ///
     /// # Errors
     /// [`FitError::Interrupted`].
@@ -161,7 +147,7 @@ impl Promise {
         })
     }
 
-    /// The ratio of the errors on some rows to the promise, on the axis that most certainly exceeds it.
+    /// Ratio of errors to the promise, on the axis that most certainly exceeds it.
     fn ratio(
         &self,
         calibration: &Calibration,
@@ -178,7 +164,7 @@ impl Promise {
 }
 
 impl Fit {
-    /// Examines the test and the training rows. This takes a small part of the time of the fit.
+    /// Examines test and training rows, in a small part of the time of the fit.
     ///
     /// # Errors
     /// [`FitError::Interrupted`].
@@ -199,8 +185,7 @@ impl Fit {
         Promise::new(&self.train, held_out, self.excitation.as_ref())
     }
 
-    /// The factor by which errors may be larger in a new file, from the scatter between files; `None` if no
-    /// files were held out.
+    /// Factor by which errors may be larger in a new file; `None` if no files were held out.
     pub fn spread(&self) -> Option<PerAxis<f64>> {
         self.group_by.filter(|by| *by == GroupBy::File)?;
         self.cross_validation.as_ref()?.spread()
@@ -268,8 +253,7 @@ impl TestRatio {
         ratio.is_finite().then_some(Self { axis, ratio, interval })
     }
 
-    /// Describes an error that is too large, on a test of which `outside` of all rows are out of the calibrated
-    /// range.
+    /// Describes an error that is too large, with `outside` of all rows out of the calibrated range.
     fn words(&self, [outside, rows]: [u64; 2]) -> String {
         let [low, high] = self.interval.map(|bound| significant(bound, 2));
         let mut text = format!(
@@ -286,8 +270,8 @@ impl TestRatio {
         text
     }
 
-    /// Returns true if the error is certainly larger than `most` times the promised error. A single group has
-    /// an infinite interval: its limit is `most` squared.
+    /// Returns true if the error is certainly too large. The limit for a single group, with its infinite interval, is
+    /// `most` squared.
     fn fails(&self, most: f64) -> bool {
         match self.interval[1].is_finite() {
             true => self.interval[0] > most,

@@ -14,17 +14,14 @@ use shell_data::block::Block;
 use shell_data::dataset::{BLOCK_ROWS, LabelledBlock};
 use shell_data::wrench::PerAxis;
 
-/// Models that were fitted without each fold of the groups of a fit.
 #[derive(Clone, Debug)]
 pub struct HeldOutModels {
-    /// The fold of each group.
     fold_of: HashMap<String, usize>,
     models: Vec<Calibration>,
 }
 
 impl HeldOutModels {
-    /// Fits the model of `fit` again without each fold, in as many folds as it was judged by; `None` if it has
-    /// no groups, or its rows have weights.
+    /// Fits again without each fold by which `fit` was judged; `None` without groups or for rows with weights.
     ///
     /// # Errors
     /// [`FitError`] if the rows outside of a fold do not determine the model.
@@ -69,7 +66,7 @@ impl HeldOutModels {
         }
     }
 
-    /// The errors on each group of the fit, and the loads of about `sample` rows.
+    /// Errors on each group, and the loads of about `sample` rows.
     ///
     /// # Errors
     /// [`FitError::Interrupted`].
@@ -84,7 +81,6 @@ impl HeldOutModels {
 }
 
 impl PolynomialProblem {
-    /// The solutions for the rows outside of each group.
     fn without_each(
         &self,
         groups: &GroupedRows,

@@ -1,5 +1,5 @@
-//! Means of groups of training rows, which replace the rows: the rows of a pose repeat one
-//! observation, and its weight should not depend on how long it was held.
+//! Means that replace groups of training rows, because the weight of a pose should not depend on
+//! how long it was held.
 
 use least_squares::double_double::DoubleDouble;
 use least_squares::error::FitError;
@@ -13,7 +13,6 @@ use shell_data::dataset::{BLOCK_ROWS, Dataset};
 /// # Errors
 /// [`FitError`] if there are no groups, or a value is not finite.
 pub(super) fn group_means(data: &Dataset) -> Result<Dataset, FitError> {
-    // Reports values that are not finite, as every fit does.
     ReadingRanges::from_dataset(data)?;
     let (rows, labels) = GroupedRows::from_labels(data);
     let Some(first) = data.logs.first().filter(|_| !labels.is_empty()) else {

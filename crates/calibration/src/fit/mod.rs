@@ -88,89 +88,63 @@ use shell_data::wrench::PerAxis;
 /// A calibration, its errors, and how it was found.
 #[derive(Clone, Debug)]
 pub struct Fit {
-    /// The calibration.
     pub calibration: Calibration,
-    /// How it was found.
     pub method: FitMethod,
     /// The rows that were fitted, with the labels of their groups if these are known.
     pub used: Dataset,
-    /// The test rows that were used.
     pub tested: Dataset,
-    /// Number of rows fitted.
     pub rows: u64,
-    /// Number of rows used from each training log.
     pub rows_of_logs: Vec<u64>,
-    /// Number of bad rows that were left out.
     pub skipped_rows: u64,
-    /// Number of rows whose readings repeat the previous row's.
     pub repeated_rows: u64,
-    /// Errors on the training rows.
     pub train: PerAxis<AxisQuality>,
-    /// Errors on each test log.
     pub tests: Vec<Evaluation>,
-    /// How well the training loads cover the six axes.
     pub excitation: Option<Excitation>,
     /// Shares of rows whose pose is on both sides of a split.
     pub leaks: Leaks,
-    /// The kind of groups used.
     pub group_by: Option<GroupBy>,
-    /// The groups that were found, if none were given.
     pub found_groups: Option<FoundGroups>,
-    /// Why there are no standard errors: too few groups.
+    /// Reason for no standard errors: too few groups.
     pub few_groups: Option<FewGroups>,
     /// The choice of the family of features, if it was chosen.
     pub selection: Option<Selection>,
     /// Held-out errors, if they were requested or the model was chosen by them.
     pub cross_validation: Option<CrossValidation>,
-    /// Why [`ModelRule::Auto`] could not choose a model on held-out groups, if it failed.
+    /// Reason why [`ModelRule::Auto`] could not choose a model on held-out groups.
     pub not_judged: Option<FitError>,
-    /// Advice from held-out errors.
     pub advice: Option<Advice>,
-    /// Comparison of the physics model with the chosen polynomial, or why there is none.
     pub comparison: Outcome<ModelComparison, String>,
     /// The groups that were reduced to means, for a fit to means.
     pub means: Option<MeansOf>,
-    /// Outliers that were left out.
     pub dropped: Outliers,
     /// Outliers that were used, if a search took place.
     pub outliers: Outcome<Outliers, FitError>,
-    /// Lag and memory.
     pub dynamics: Outcome<Dynamics, NotSearched>,
-    /// Warnings for the user.
     pub warnings: Vec<Warning>,
     /// Faults of the test and the training rows, if [`Fit::examine`] ran.
     pub examination: Option<Examination>,
 }
 
-/// Rows that were reduced to means.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MeansOf {
-    /// Number of groups.
     pub groups: usize,
-    /// Number of rows.
     pub rows: u64,
-    /// Number of bad rows that were left out.
     pub skipped_rows: u64,
 }
 
-/// How a calibration was found.
 #[derive(Clone, Debug)]
 pub enum FitMethod {
     /// A polynomial in the readings.
     Polynomial {
-        /// Coefficients and their figures.
         solution: Box<Solution>,
-        /// The solver that was used.
         solver: SolverKind,
         /// See [`FitOptions::truncate`].
         truncate: Option<f64>,
     },
-    /// A physics model.
     Physics(Box<PhysicsFit>),
 }
 
 impl Fit {
-    /// The solution of a polynomial fit.
     pub fn solution(&self) -> Option<&Solution> {
         match &self.method {
             FitMethod::Polynomial { solution, .. } => Some(solution),
@@ -191,13 +165,11 @@ impl Fit {
         self.solution().map_or_else(|| self.parameter_count(), |solution| solution.rank)
     }
 
-    /// Condition number of the features, columns scaled to norm one; `None` if infinite, and for
-    /// physics models.
+    /// Condition number of the features, columns scaled to norm one; `None` if infinite or for physics models.
     pub fn condition(&self) -> Option<f64> {
         Some(self.solution()?.condition).filter(|condition| condition.is_finite())
     }
 
-    /// Errors on all test rows.
     pub fn test(&self) -> Evaluation {
         Evaluation::total(&self.tests)
     }
@@ -239,7 +211,6 @@ impl Fit {
         }
     }
 
-    /// Adds the errors on the training rows `used` and on test rows, with their warnings.
     fn with_errors(
         self,
         used: Dataset,
@@ -382,7 +353,7 @@ fn fit_rows(input: FitInput<'_>) -> Result<Fit, FitError> {
     }
 }
 
-/// Fits the chosen polynomial, or the physics model if that has smaller errors on held-out groups.
+/// Fits the chosen polynomial, or the physics model if its held-out errors are smaller.
 fn fit_best(input: FitInput<'_>, choice: ModelChoice) -> Result<Fit, FitError> {
     let comparison = match input.options.why_no_physics(input.train) {
         Some(reason) => Outcome::NotPossible(reason),

@@ -1,5 +1,3 @@
-//! Options of a fit.
-
 use std::collections::BTreeMap;
 
 use super::outcome::Outcome;
@@ -15,17 +13,14 @@ use shell_data::wrench::{Axes, PerAxis};
 /// The model to fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ModelRule {
-    /// A polynomial of this family of features.
     Given(Basis),
-    /// The smallest polynomial that predicts new groups about as well as the best one, or the
-    /// physics model if that predicts them better. The cubic polynomial if nothing can be held out.
+    /// The smallest polynomial that predicts new groups about as well as the best, or the physics model if that
+    /// predicts better. The cubic polynomial if nothing can be held out.
     Auto,
-    /// The physics model.
     Physics,
 }
 
 impl ModelRule {
-    /// The rule with the name that users give it.
     pub fn from_name(name: &str) -> Option<Self> {
         match name {
             "auto" => Some(Self::Auto),
@@ -49,12 +44,10 @@ impl From<Basis> for ModelRule {
     }
 }
 
-/// The treatment of outliers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OutlierRule {
     /// Searches for them if a row stands out, and uses them.
     Report,
-    /// Leaves them out.
     Drop,
     /// Uses them, without a search.
     Keep,
@@ -73,55 +66,45 @@ pub enum CovarianceRule {
     Nothing,
 }
 
-/// Options of a fit.
 #[derive(Clone, Copy, Debug)]
 pub struct FitOptions<'a> {
-    /// The model.
     pub model: ModelRule,
     /// Fits a constant in addition to the features.
     pub intercept: bool,
     /// λ of a ridge on columns of norm one. Zero means no ridge or, if the family of features is
     /// chosen, the best of several.
     pub ridge: f64,
-    /// The solver. Refined QR replaces the exact solver for rows that it cannot take.
+    /// Refined QR replaces the exact solver for rows that it cannot take.
     pub solver: SolverKind,
-    /// For [`SolverKind::Svd`]: leaves out directions with a singular value below this share of the
-    /// largest, for columns of norm one.
+    /// For [`SolverKind::Svd`]: leaves out singular values below this share of the largest, columns of norm one.
     pub truncate: Option<f64>,
     /// Finds the errors on held-out groups. For a model that is chosen, they are found in any case.
     pub cross_validation: Option<HeldOut>,
-    /// The seed of the random folds that the held-out errors are compared with.
+    /// Seed of the random folds that the held-out errors are compared with.
     pub seed: u64,
-    /// The source of the covariance.
     pub covariance: CovarianceRule,
     /// Fits to the mean of each group of rows, each counted once.
     pub means: bool,
-    /// The treatment of lag and memory.
     pub dynamics: DynamicsRule<'a>,
     /// Uses only rows whose readings differ from the previous row's.
     pub fresh: bool,
-    /// The range of valid readings: rows with a reading outside it are left out.
+    /// Rows with a reading outside this range are left out.
     pub valid_range: Option<[f64; 2]>,
-    /// The treatment of outliers.
     pub outliers: OutlierRule,
-    /// The name of a requested option that only polynomials support. [`ModelRule::Auto`] then
-    /// chooses only among polynomials.
+    /// Name of a requested option that only polynomials support: [`ModelRule::Auto`] then considers no others.
     pub polynomials_only: Option<&'a str>,
-    /// Stated loads by label of their group, which replace the wrench in held-out errors of the
-    /// physics model if the wrench of the rows was corrected by their own readings.
+    /// Stated loads by group label. They replace the wrench in held-out errors of the physics model, if the wrench of
+    /// the rows was corrected by their own readings.
     pub stated_loads: Option<&'a BTreeMap<String, PerAxis<f64>>>,
-    /// The threads, and who watches them.
     pub workers: Workers<'a>,
 }
 
 /// The groups that a fit needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GroupsAsked {
-    /// No groups.
     Nothing,
-    /// Groups given with the rows, or poses found in them, if there are any.
+    /// Groups given with the rows, or poses found in them.
     IfAny,
-    /// The groups that can be held out.
     HeldOut(HeldOut),
 }
 
@@ -161,7 +144,6 @@ impl FitOptions<'_> {
         }
     }
 
-    /// The family of features, unless it is chosen.
     pub(super) fn basis(&self) -> Option<Basis> {
         match self.model {
             ModelRule::Given(basis) => Some(basis),
@@ -175,8 +157,8 @@ impl FitOptions<'_> {
         !self.means && self.outliers == OutlierRule::Report
     }
 
-    /// Checks that the options suit rows with weights, which exact sums cannot take: they allow a
-    /// plain least-squares fit and standard errors by row.
+    /// Checks that rows with weights, which exact sums cannot take, get a plain least-squares fit and standard errors
+    /// by row.
     pub(super) fn check_weighted(&self) -> Result<(), FitError> {
         let what = match self {
             Self { model: ModelRule::Physics, .. } => "the physics model",
@@ -191,7 +173,6 @@ impl FitOptions<'_> {
         Err(FitError::Weights(what))
     }
 
-    /// Why the physics model cannot be compared with a polynomial, if it cannot.
     pub(super) fn why_no_physics(&self, data: &Dataset) -> Option<String> {
         match self.polynomials_only {
             Some(option) => Some(format!("`{option}` is for polynomials in the readings")),
@@ -199,8 +180,7 @@ impl FitOptions<'_> {
         }
     }
 
-    /// Finds lag and memory as far as requested, and prepares the rows for a model with them: adds
-    /// memory terms to the readings and takes the wrench at the time of the readings.
+    /// Finds lag and memory as requested, appends memory terms to the readings and moves the wrench to their time.
     pub(super) fn prepare(
         &self,
         [train, test]: [Dataset; 2],

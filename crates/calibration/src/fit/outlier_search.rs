@@ -1,5 +1,3 @@
-//! The search for outliers among training rows.
-
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 
@@ -25,8 +23,8 @@ const MANY: usize = 50;
 /// An outlier's error exceeds this many times the errors of all but that share of the rows.
 const FAR_BEYOND: f64 = 2.5;
 
-/// Distance of a value from its nearer neighbour, in standard deviations, above which a warning
-/// names the column.
+/// Distance from the nearer neighbour, in standard deviations, above which a warning names the
+/// column.
 const FAR_FROM_NEIGHBOURS: f64 = 2.0;
 
 /// Minimum size of an impossible load, in standard deviations.
@@ -41,8 +39,7 @@ fn key((block, tested): &Suspect) -> RowKey {
     (*block, tested.row)
 }
 
-/// Searches for outliers in `data` with the family of features in `options`, or with the cubic
-/// model if they give none.
+/// Searches for outliers with the family of features in `options`, or else the cubic model.
 ///
 /// # Errors
 /// [`FitError`] if the other rows do not determine a calibration.
@@ -132,8 +129,8 @@ fn search(
     Ok(Outliers { rows, too_many: None, rms })
 }
 
-/// The size above which an error makes a row an outlier: far beyond the sizes of all but `most`
-/// rows. `unseen` is the maximum size of rows that are not suspects.
+/// Size above which an error makes an outlier: far beyond those of all but `most` rows. `unseen`
+/// bounds the rows that are not suspects.
 fn limit_beyond(tested: &[Suspect], most: usize, unseen: f64) -> f64 {
     let mut sizes: Vec<f64> = tested.iter().map(|(_, of)| of.size).collect();
     let tail = match sizes.len() > most {
@@ -149,7 +146,7 @@ struct OutlierSearch<'a> {
     blocks: Vec<(usize, &'a Block)>,
     suspects: Vec<Vec<usize>>,
     spread: &'a Spread,
-    /// The standard deviations of the errors of the fit that last scanned all rows for suspects.
+    /// Standard deviations of the errors of the fit that last scanned all rows.
     looked_by: Option<PerAxis<f64>>,
 }
 
@@ -178,11 +175,11 @@ impl OutlierSearch<'_> {
         solve(&problem, None, &Rows::new(&used, self.options.workers), sample)
     }
 
-    /// The fit `all` without some of its rows, computed from its solution or its sums; `None` if
-    /// that requires a pass over the other rows.
+    /// Fits without some rows, from the solution or sums of `all`; `None` if that requires a pass
+    /// over the other rows.
     fn without(&self, all: &Solved, left_out: &RowKeys) -> Result<Option<Solution>, FitError> {
-        /// Maximum number of rows to remove from the solution, because each needs memory for all
-        /// features. It is better to remove more rows from the sums, or leave them out of a pass.
+        /// Most rows to remove from the solution, because each needs memory for all features. Sums
+        /// or a pass suit more rows.
         const MOST_TAKEN_OUT: usize = 4096;
         let rows = self.gather(left_out);
         let few = rows.rows <= MOST_TAKEN_OUT;
@@ -203,7 +200,6 @@ impl OutlierSearch<'_> {
         gathered
     }
 
-    /// The rows of a block that the fit uses, out of `rows`.
     fn used(&self, block: &Block, rows: impl Iterator<Item = usize>) -> Vec<usize> {
         let fresh = self.options.fresh.then(|| block.fresh_rows());
         rows.filter(|&row| fresh.as_ref().is_none_or(|fresh| fresh[row])).collect()
@@ -229,9 +225,8 @@ impl OutlierSearch<'_> {
         Ok(())
     }
 
-    /// Tests the suspects by a fit without `excluded` rows, and finds the size that makes an
-    /// outlier. Scans all rows again only if others may be outliers, or so many have large errors
-    /// that the limit rises.
+    /// Tests the suspects by a fit without `excluded` rows, and finds the size of an outlier. Scans
+    /// all rows again only if others may be outliers, or if many large errors raise the limit.
     fn test(
         &mut self,
         test: &RowTest<'_>,
@@ -285,10 +280,9 @@ impl OutlierSearch<'_> {
         self.blocks.iter().enumerate().flat_map(of_block).collect()
     }
 
-    /// Root mean square errors of the fit to all rows and of the fit without the rows `left_out`,
-    /// both without these rows. For the first, their squared errors are subtracted from the sum,
-    /// which loses few digits: a row with a far larger error bends the fit, so that others have
-    /// errors, too.
+    /// Root mean square errors of both fits on the rows other than `left_out`. For the first, their
+    /// squared errors are subtracted from the sum, which loses few digits: a row with a far larger
+    /// error bends the fit, so that others have errors, too.
     fn rms(&self, [all, without]: [&Solution; 2], left_out: &RowKeys) -> Option<[PerAxis<f64>; 2]> {
         let left_out = self.gather(left_out);
         let mut predicted = PerAxis::default();
@@ -316,8 +310,8 @@ impl OutlierSearch<'_> {
         Reason::Error { axis: Axis::ALL[axis], size, error, is_possible }
     }
 
-    /// Names a row and the columns that differ most from its neighbours or, for a row outside the
-    /// valid range, the readings that are outside.
+    /// Names a row, and the columns that differ most from its neighbours or the readings outside
+    /// the valid range.
     fn name(&self, (block, row): RowKey, reason: Reason) -> Outlier {
         let (log, rows) = self.blocks[block];
         let (channels, terms) = (self.data.channels(), rows.memory_columns);

@@ -4,56 +4,45 @@ use least_squares::quality::{in_units, significant};
 use shell_data::dataset::RowSet;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// Why a row is an outlier.
+/// Reason why a row is an outlier.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Reason {
-    /// A reading is outside the valid range.
     OutOfRange,
     /// The error of an axis is too large for its standard deviation.
     Error {
-        /// The axis.
         axis: Axis,
-        /// The error in standard deviations.
+        /// In standard deviations.
         size: f64,
         /// Predicted minus measured, N or N·m.
         error: f64,
-        /// True if the predicted load is possible. Far beyond all measured loads, a model predicts nonsense.
+        /// False for a load far beyond all measured ones, where a model predicts nonsense.
         is_possible: bool,
     },
 }
 
-/// A suspicious row.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outlier {
-    /// The index of its log.
     pub log: usize,
-    /// The offset of its block in the log.
     pub offset: u64,
-    /// The index of the row in the block.
     pub row: usize,
-    /// The reason.
     pub reason: Reason,
-    /// The columns that differ most from the rows before and after, largest difference first; at least one.
+    /// Columns that differ most from the rows before and after, largest difference first; at least one.
     pub columns: Vec<OutlierColumn>,
 }
 
-/// A value and its neighbours in the same column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OutlierColumn {
-    /// The index of the channel, or of the axis of the wrench, counted after all channels.
+    /// Channel, or axis of the wrench counted after all channels.
     pub column: usize,
-    /// Its value in the row, N and N·m for loads.
+    /// N and N·m for loads.
     pub value: f64,
-    /// Its value in the row before.
     pub before: Option<f64>,
-    /// Its value in the row after.
     pub after: Option<f64>,
 }
 
-/// The result of a search for outliers.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Outliers {
-    /// The outliers, in the order of the rows.
+    /// In the order of the rows.
     pub rows: Vec<Outlier>,
     /// Number of rows that stand out, if too many for slips; they are not listed.
     pub too_many: Option<usize>,
@@ -62,12 +51,11 @@ pub struct Outliers {
 }
 
 impl Outliers {
-    /// The set of rows to leave out.
     pub fn excluded(&self) -> RowSet {
         self.rows.iter().map(|row| (row.log, row.offset, row.row)).collect()
     }
 
-    /// The warnings about the outliers. `names` says where each row is.
+    /// `names` says where each row is.
     pub fn warnings(&self, axes: Axes, names: &[RowName]) -> Vec<String> {
         /// Maximum number of outliers to list: more would hide other warnings.
         const SHOWN: usize = 10;
@@ -99,14 +87,11 @@ impl Outliers {
     }
 }
 
-/// The place of a row.
 #[derive(Clone, Debug)]
 pub struct RowName {
-    /// The file, or another source.
     pub file: String,
-    /// The line in the file.
     pub line: u64,
-    /// The names of the channels, followed by those of all axes of the wrench.
+    /// Names of the channels, followed by those of all axes of the wrench.
     pub columns: Vec<String>,
 }
 

@@ -11,7 +11,7 @@ use shell_data::wrench::{Axes, PerAxis};
 
 pub(super) const ROWS: usize = 4000;
 
-/// Up to [`ROWS`] rows, spread evenly over a part of some blocks, as a range of shares of all rows.
+/// Takes up to [`ROWS`] rows, spread evenly over a part of all rows, as a range of shares.
 pub(super) fn spread(blocks: &[&Block], part: std::ops::Range<f64>) -> Block {
     let rows: usize = blocks.iter().map(|block| block.rows).sum();
     let [from, to] = [part.start, part.end].map(|share| (share * rows as f64) as usize);
@@ -35,8 +35,7 @@ pub(super) fn predicted(calibration: &Calibration, rows: &Block) -> PerAxis<Vec<
     predicted
 }
 
-/// Fits a linear model to some rows, for the prediction of others; `None` if the rows do not
-/// determine it.
+/// Fits a linear model for the prediction of other rows; `None` if the rows do not determine it.
 pub(super) fn linear(
     rows: Block,
     axes: Axes,

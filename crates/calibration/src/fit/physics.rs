@@ -27,34 +27,27 @@ use sensor_physics::{
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Number of groups per coefficient of the cubic model below which polynomials are unreliable
-/// between the groups.
+/// Groups per coefficient of the cubic model below which polynomials are unreliable between the groups.
 const GROUPS_PER_FEATURE: usize = 8;
 
-/// Ratio of a polynomial's squared error on held-out groups to that on its own rows, above which it
-/// is a poor model of them.
+/// Ratio of squared errors on held-out groups to those on its own rows that marks a poor polynomial.
 const MUCH_WORSE: f64 = 2.0;
 
-/// Number of folds on which the physics model is first tried with default priors, before its own
-/// are chosen on all; and the maximum ratio of its squared error to the polynomial's there.
+/// Number of folds on which the physics model is first tried with default priors, and the largest ratio of its squared
+/// error to the polynomial's there. Its own priors are chosen only below that.
 const TRIED_FIRST: usize = 5;
 const OUT_OF_REACH: f64 = 4.0;
 
-/// Results of a physics fit in addition to the calibration.
 #[derive(Clone, Debug)]
 pub struct PhysicsFit {
-    /// The choice of the priors, with all that was tried.
+    /// Priors, with all that was tried.
     pub choice: Choice,
-    /// Number of means to which the rows were reduced.
     pub observations: usize,
-    /// Number of groups.
     pub groups: usize,
-    /// Errors on held-out groups, if they were requested or the model was compared with a polynomial.
     pub validation: Option<PhysicsValidation>,
 }
 
 impl PhysicsFit {
-    /// The held-out errors in the form of a calibration file.
     pub(super) fn cross_validation(&self) -> Option<CrossValidation> {
         let validation = self.validation.as_ref()?;
         let total = validation.total();
@@ -73,7 +66,7 @@ impl PhysicsFit {
 
 pub(super) type TriedPhysics = ((PhysicsCalibration, Choice), PhysicsValidation);
 
-/// Fits the physics model and finds its errors. A comparison may have `tried` it already.
+/// Fits the physics model and finds its errors.
 pub(super) fn fit(input: FitInput<'_>, tried: Option<TriedPhysics>) -> Result<Fit, FitError> {
     // The physics model has no memory terms.
     let [train, test] = &[input.train, input.test].map(Dataset::without_memory);
@@ -102,7 +95,7 @@ pub(super) fn fit(input: FitInput<'_>, tried: Option<TriedPhysics>) -> Result<Fi
     options.workers.start("errors on the rows");
     let errors = RowErrors::of_fit(&calibration, [&used, test], (None, None), options.workers)?;
     let of_train = Evaluation::total(&errors[0].logs);
-    // A polynomial finds the outliers, and their effect on it is not their effect on this model.
+    // Outliers are found by a polynomial, and affect this model differently.
     let looks = of_train.has_large_errors() && options.looks_for_outliers();
     let outliers = match looks.then(|| name_outliers(train, None, options)) {
         None => Outcome::NotAsked,
@@ -127,8 +120,7 @@ pub(super) fn fit(input: FitInput<'_>, tried: Option<TriedPhysics>) -> Result<Fi
 
 type FittedOnFolds = ((PhysicsCalibration, Choice), Vec<Vec<u64>>);
 
-/// Fits the physics model, and assigns the folds for its held-out errors. The choice of priors does
-/// not depend on these folds.
+/// Fits the physics model, and assigns folds for its held-out errors, on which the priors do not depend.
 fn fit_sample(
     rows: &TrainingRows,
     sample: ObservationSample,
@@ -147,8 +139,7 @@ fn assign_folds(rows: &TrainingRows, folds: usize) -> Result<Vec<Vec<u64>>, FitE
     Ok(assign_groups(&rows.group_sizes(), folds)?.into_iter().map(groups_of).collect())
 }
 
-/// Number of folds. Blocks of time are not held out one by one: each has many rows, and none is a
-/// pose.
+/// Number of folds. Blocks of time are not held out one by one: each has many rows, and none is a pose.
 fn fold_count(held_out: HeldOut, groups: usize, group_by: GroupBy) -> usize {
     match held_out {
         HeldOut::Folds(folds) => folds.min(groups),
@@ -157,16 +148,12 @@ fn fold_count(held_out: HeldOut, groups: usize, group_by: GroupBy) -> usize {
     }
 }
 
-/// A comparison of the physics model with the chosen polynomial, on the same held-out groups.
 #[derive(Clone, Debug)]
 pub struct ModelComparison {
-    /// The polynomial.
     pub model: Model,
-    /// Its ridge.
     pub ridge: f64,
-    /// Errors of the physics model and of the polynomial, in this order.
+    /// Physics model first.
     pub comparison: Comparison,
-    /// Number of folds of groups.
     pub folds: usize,
 }
 
@@ -176,10 +163,10 @@ impl ModelComparison {
         self.comparison.all.first_is_better()
     }
 
-    /// Fits the physics model without each fold of the groups on which a polynomial was chosen, and
-    /// compares the errors. `None` if no polynomial was chosen by sums, or if there is little to
-    /// gain: many groups, and hardly larger errors of the polynomial on held-out groups than on its
-    /// own rows. Without a physics model if its errors on the first folds are far larger.
+    /// Fits the physics model without each fold of the groups on which a polynomial was chosen, and compares the
+    /// errors. `None` without such a choice, or if there is little to gain: many groups, and held-out errors of the
+    /// polynomial hardly above those on its own rows. Without a physics model if its errors on the first folds are
+    /// far larger.
     pub(super) fn of(
         input: FitInput<'_>,
         choice: &ModelChoice,
@@ -234,8 +221,8 @@ impl ModelComparison {
     }
 }
 
-/// Returns true if there are few groups, or the polynomial has much larger errors on held-out
-/// groups than on its own rows. Blocks of time are not few: each has many loads.
+/// Returns true for few groups, or a polynomial with far larger held-out errors. Blocks of time, with many loads
+/// each, are not few.
 fn is_worth_trying(
     sums: &SumsByGroup,
     group_by: GroupBy,
@@ -259,7 +246,7 @@ fn is_worth_trying(
     Ok(new > MUCH_WORSE * own)
 }
 
-/// The sum of squared errors relative to the variance of the load, over the axes that vary.
+/// Sum of squared errors relative to the variance of the load, over the axes that vary.
 fn relative_square(rms: &PerAxis<f64>, variances: &PerAxis<f64>) -> f64 {
     let relative = rms.iter().zip(variances).map(|(rms, variance)| rms.powi(2) / variance);
     relative.filter(|square| square.is_finite()).sum()

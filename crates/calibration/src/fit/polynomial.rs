@@ -1,6 +1,5 @@
-//! A polynomial in the readings, fitted to rows or to the sums of partial fits, with errors and
-//! covariance. Sums give the same results as rows, except for the largest errors and the
-//! distributions of errors and loads, which need another pass.
+//! Fits of a polynomial to rows or to the sums of partial fits. Sums give the same results, except
+//! for the largest errors and the distributions of errors and loads, which need another pass.
 
 use std::mem::take;
 
@@ -23,8 +22,7 @@ use shell_data::dataset::Dataset;
 use shell_data::fingerprint::Fingerprint;
 use shell_data::wrench::{Axes, PerAxis};
 
-/// The covariance, if there is one; and why it is not by groups, if it falls back to independent
-/// rows.
+/// The covariance, and the reason if it falls back from groups to independent rows.
 fn covariance(
     solution: &Solution,
     solver: SolverKind,
@@ -55,8 +53,8 @@ pub(super) fn fit(input: FitInput<'_>, mut choice: ModelChoice) -> Result<Fit, F
     let problem = PolynomialProblem {
         model: options.model_of(&train, choice.basis),
         solver: match options.solver {
-            // The exact solver takes neither weights nor memory terms. The latter are themselves
-            // rounded, so refinement gains nothing.
+            // The exact solver takes neither weights nor memory terms, which are rounded:
+            // refinement gains nothing.
             SolverKind::Exact if train.has_weights() => SolverKind::RefinedTsqr,
             SolverKind::Exact if train.memory_terms() > 0 => SolverKind::Tsqr,
             solver => solver,
@@ -74,7 +72,6 @@ pub(super) fn fit(input: FitInput<'_>, mut choice: ModelChoice) -> Result<Fit, F
     options.workers.start("standard errors");
     let (mut covariance, not_grouped) = covariance(solution, *solver, &choice, options);
     let unit = covariance.as_ref().map(|_| root_mean_square(solution));
-    // The search for outliers needs a fit to rows of equal weight.
     let looks = options.looks_for_outliers() && !train.has_weights();
     let spread = looks.then(|| Spread::new(&train, options.workers)).transpose()?;
     let row_test = spread.as_ref().and_then(|spread| RowTest::new(solution, spread));
@@ -116,12 +113,10 @@ pub(super) fn fit(input: FitInput<'_>, mut choice: ModelChoice) -> Result<Fit, F
     Ok(fitted.with_errors(train, test, [errors, of_tests], options))
 }
 
-/// Fits a calibration of `axes` to the sums of some rows, in total and by group. Sums allow neither
-/// the physics model nor a search for outliers.
+/// Fits a calibration of `axes` to sums, without the physics model or a search for outliers.
 ///
 /// # Errors
-/// [`FitError`] if the rows do not determine the coefficients, or an option needs groups and there
-/// are none.
+/// [`FitError`] if the rows do not determine the coefficients, or necessary groups are missing.
 pub fn fit_sums(
     total: &RowSums,
     groups: Option<(GroupKind, GroupedSums)>,
@@ -162,7 +157,7 @@ fn check_copies(data: [&Dataset; 2], errors: [&RowErrors; 2]) -> Result<(), FitE
     Err(FitError::Copy { earlier, later })
 }
 
-/// The root mean square error of each axis; 1 for an axis without errors.
+/// 1 for an axis without errors.
 fn root_mean_square(solution: &Solution) -> PerAxis<f64> {
     std::array::from_fn(|axis| {
         let square = solution.residual_products[(axis, axis)] / solution.rows as f64;

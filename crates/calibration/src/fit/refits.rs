@@ -1,7 +1,6 @@
-//! Solutions of a polynomial, from rows or sums, and errors on held-out rows. For the exact solver,
-//! exact sums give the fit without a group; for other readings, R factors of the folds do if the
-//! solver weights all rows equally. Other solvers fit again for each fold. Up to forty groups are
-//! held out one by one, more in ten folds.
+//! Solutions of a polynomial, from rows or sums, and errors on held-out rows. The fit without a group comes from
+//! exact sums for the exact solver; otherwise from R factors of the folds, if the solver weights all rows equally, or
+//! from a new fit. Up to forty groups are held out one by one, more in ten folds.
 
 use super::options::FitOptions;
 use crate::conversion::Calibration;
@@ -31,17 +30,16 @@ use std::sync::LazyLock;
 pub(super) const MOST_ALONE: usize = 40;
 pub(super) const FOLDS: usize = 10;
 
-/// Maximum number of values in the R factors of groups that are each held out alone: 200 MB, plus
-/// twice as much for the R factors of all other groups.
+/// Most values in the R factors of groups held out alone: 200 MB, and twice that for those of all other groups.
 const MOST_NUMBERS: usize = 25_000_000;
 
-/// Most rows on which families are compared, or most per feature of the largest family if that is
-/// more. Rows of a group resemble each other: one in several is enough.
+/// Most rows on which families are compared, and most per feature of the largest family; the larger number counts.
+/// Rows of a group resemble each other: one in several is enough.
 pub(super) const MOST_COMPARED: usize = 16_384;
 const ROWS_PER_FEATURE: usize = 64;
 
-/// Least squared errors, relative to the variances of the loads, that normal equations give with
-/// six digits: they are differences of sums as large as the loads.
+/// Least squared errors, relative to the variances of the loads, that normal equations give with six digits: they
+/// are differences of sums as large as the loads.
 const LEAST_SCORE: f64 = 1e-9;
 
 /// Number of folds of the random split that held-out errors are compared with, if no number is given.
@@ -54,9 +52,8 @@ pub fn random_split(folds: usize, seed: u64) -> RandomSplit {
     RandomSplit { folds, held_out: folds.min(HELD_OUT), seed }
 }
 
-/// Chooses the family of features by folds of groups of labelled rows, and also the ridge if the
-/// options have none. Also returns the errors on each fold of groups, if no row was left out and
-/// they are far above rounding errors.
+/// Chooses the family of features by folds of groups, and the ridge if the options have none. Also returns the errors
+/// on each fold, if no row was left out and they are far above rounding errors.
 pub(super) fn select_by_normal_equations(
     data: &Dataset,
     options: &FitOptions<'_>,
@@ -74,7 +71,7 @@ pub(super) fn select_by_normal_equations(
     Ok((tried.selection, errors))
 }
 
-/// Every n-th row of each group, about `most` rows; groups are assigned to folds.
+/// Takes every n-th row of each group, about `most` rows, and assigns groups to folds.
 pub(super) fn few_by_fold(rows: &GroupedRows, most: usize) -> Result<GroupedRows, FitError> {
     let every = rows.row_count().div_ceil(most).max(1);
     let folds = rows.groups().count().min(selection::FOLDS);
@@ -93,12 +90,10 @@ pub(super) fn fold_of_groups(rows: &GroupedRows, folds: usize) -> Result<Vec<usi
     Ok(fold_of)
 }
 
-/// Errors on each fold of groups, by fits without it.
 pub(super) type HeldOutFolds = Vec<PerAxis<HeldOutErrors>>;
 
-/// Errors on groups of labelled rows, with each fold held out in turn, and on random rows, unless
-/// memory terms tie rows together. `known` has the errors on [`selection::FOLDS`] folds, or on each
-/// group of fewer, if the choice of the model has found them.
+/// Finds errors on folds of groups and on random rows, unless memory terms tie rows together. `known` has the errors
+/// on [`selection::FOLDS`] folds, or on each group of fewer, if the choice of the model has found them.
 pub(super) fn cross_validate(
     data: &Dataset,
     held_out: HeldOut,
@@ -139,7 +134,7 @@ pub(super) fn cross_validate(
     Ok(found.beside_random(with_rows, at_random.collect::<Result<_, _>>().ok()))
 }
 
-/// Sums by group, or by set of groups if there are too many and folds of them are held out.
+/// Sums by group, or by set of groups if there are too many.
 pub(super) fn sum_groups_or_sets(
     rows: &Dataset,
     basis: Basis,
@@ -156,7 +151,7 @@ pub(super) fn sum_groups_or_sets(
     }
 }
 
-/// The exact sums of labelled rows by group or set, and of rows drawn at random.
+/// Sums labelled rows exactly by group or set, and rows drawn at random.
 ///
 /// # Errors
 /// [`FitError`] if the rows cannot be summed exactly, or there are too many groups.
@@ -177,7 +172,6 @@ pub fn sum_groups(
     let mut sums = GroupSums::new(basis, channels, apart, random);
     let empty = sums.worker();
     let work = |worker: &mut GroupWorker, (_, block): &(usize, &LabelledBlock)| {
-        // Reports values that are not finite, as every fit does.
         ReadingRanges::from_block(&block.rows, channels)?;
         worker.add(&block.rows, &block.labels)
     };
@@ -191,7 +185,6 @@ pub fn sum_groups(
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PolynomialProblem {
     pub(super) model: Model,
-    /// Refined QR replaces the exact solver for rows that it cannot take.
     pub(super) solver: SolverKind,
     pub(super) ridge: f64,
     pub(super) truncate: Option<f64>,
@@ -206,8 +199,8 @@ pub(super) struct Solved {
     pub(super) sums: Option<ExactSums>,
 }
 
-/// Solves by the requested solver. `total` has the exact sums of the rows, if they already exist;
-/// `sample` is a sample of the rows, for solvers that need their sizes before the first pass.
+/// Solves by the requested solver, with the exact sums `total` if they exist. Solvers that need sizes before the
+/// first pass use `sample`.
 pub(super) fn solve(
     problem: &PolynomialProblem,
     total: Option<&ExactSums>,
@@ -228,7 +221,6 @@ pub(super) fn solve(
         }
         solver = SolverKind::RefinedTsqr;
     }
-    // Centre and scale come from a sample, unless the solution depends on them.
     let is_penalised = ridge > 0.0
         || solver == SolverKind::RidgeGcv
         || (solver == SolverKind::Svd && truncate.is_some());
@@ -241,7 +233,6 @@ pub(super) fn solve(
     Ok(Solved { solution, ranges, solver, not_exact, sums: None })
 }
 
-/// Checks that the document of a calibration can hold coefficients and products of two errors.
 pub(super) fn check_sizes<'a>(
     calibration: &Calibration,
     errors: impl IntoIterator<Item = &'a PerAxis<AxisQuality>>,
@@ -256,8 +247,8 @@ pub(super) fn check_sizes<'a>(
 }
 
 impl PolynomialProblem {
-    /// Errors on each of the first `held_out` groups, by a fit to all others: from R factors if the
-    /// solver weights all rows equally and they have enough digits, otherwise from the rows.
+    /// Errors on each of the first `held_out` groups without it: from R factors if the solver weights rows equally
+    /// and they have enough digits, else from the rows.
     fn errors_without_each(
         &self,
         groups: &GroupedRows,

@@ -1,5 +1,5 @@
-//! The screen of a fit: about twelve lines that say what the fit is worth. They are identical in the
-//! terminal, the report, the page and Python. The screen of a test has the same rows and words.
+//! The screen of a fit, in about twelve lines identical in the terminal, the report, the page and Python. A test has
+//! the same rows and words.
 
 use super::examination::{FaultPlace, TestRatio};
 use super::outcome::Outcome;
@@ -9,27 +9,22 @@ use shell_data::dataset::Dataset;
 use shell_data::wrench::Axis;
 use std::collections::HashSet;
 
-/// Maximum number of characters in a line.
 const WIDTH: usize = 100;
 
-/// Width of the label of a line, in characters.
 const LABEL: usize = 7;
 
-/// The summary of a fit that users see.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Screen {
-    /// The verdict: whether to use the fit, or why not.
+    /// Verdict: use of the fit, or the reason against it.
     pub headline: String,
-    /// The headers of the columns in the table of axes.
     pub header: Vec<String>,
-    /// A row for each axis.
     pub rows: Vec<Vec<String>>,
-    /// Lines about model, test, data, clock, next step and files, each with its label.
+    /// Labelled lines about model, test, data, clock, next step and files.
     pub notes: Vec<(&'static str, String)>,
 }
 
 impl Verdict<'_> {
-    /// The screen of the verdict; `files` names the files that were written, if any.
+    /// `files` names the files that were written.
     pub fn screen(&self, files: &str) -> Screen {
         let (fit, test) = (self.fit, self.fit.test().quality());
         let error = match &self.unseen {
@@ -129,8 +124,8 @@ impl Verdict<'_> {
     }
 }
 
-/// The cells of an axis: its error on new rows and the factor by which this may be larger in a new file, the
-/// interval of a frame, the error on a test if there is one, and the range of the training loads.
+/// Cells of an axis: error on new rows and the factor by which a new file may increase it, interval of a frame, test
+/// error if known, range of the training loads.
 pub(super) fn axis_row(
     axis: Axis,
     errors: Option<(f64, f64)>,
@@ -155,8 +150,8 @@ pub(super) fn axis_row(
     row
 }
 
-/// The line about a test: its fault, the share of it that was recorded at poses of the training data, its
-/// numbers of rows and of rows out of range, and its errors relative to the promised ones.
+/// The line about a test: fault, share recorded at training poses, numbers of rows and of rows out of range, errors
+/// relative to the promised ones.
 pub(super) fn test_words(
     fault: Option<&str>,
     leak: Option<f64>,
@@ -205,7 +200,7 @@ impl UnseenRows {
 }
 
 impl Screen {
-    /// The whole screen as lines of text of at most a hundred characters.
+    /// Lines of at most a hundred characters.
     pub fn lines(&self) -> Vec<String> {
         let mut lines = self.headlines();
         let cells: Vec<&Vec<String>> = std::iter::once(&self.header).chain(&self.rows).collect();
@@ -225,12 +220,10 @@ impl Screen {
         lines
     }
 
-    /// The headline, wrapped to lines.
     pub fn headlines(&self) -> Vec<String> {
         wrapped("", 0, &self.headline)
     }
 
-    /// The notes, wrapped to lines.
     pub fn note_lines(&self) -> Vec<String> {
         self.notes.iter().flat_map(|(label, text)| wrapped(label, LABEL, text)).collect()
     }

@@ -1,5 +1,4 @@
-//! The verdict on a calibration by measured rows that it was not fitted to: a screen with the layout and the
-//! words of a fit's.
+//! The verdict on a calibration by rows that it was not fitted to, on a screen like that of a fit.
 
 use super::evaluation::Evaluation;
 use super::examination::{Examination, Promise};
@@ -14,34 +13,26 @@ use shell_data::block::Block;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// A calibration, and its errors on the rows of some logs.
 #[derive(Clone, Debug)]
 pub struct TestedCalibration<'a> {
-    /// The calibration, with the axes that were compared.
+    /// Has the axes that were compared.
     pub calibration: &'a Calibration,
-    /// The errors that its fit promised, if they are known.
     pub promise: Option<Promise>,
-    /// The loads that it was fitted to, if they are known.
     pub excitation: Option<&'a Excitation>,
-    /// The errors.
     pub evaluation: &'a Evaluation,
-    /// Root mean squares and more of these errors.
     pub quality: &'a PerAxis<AxisQuality>,
-    /// The 95 % intervals of the rows, if they are known.
     pub interval: Option<FrameInterval>,
-    /// The comparison with the promise, and faults of the rows.
     pub examination: Examination,
-    /// A log that it was fitted to, if there is one among those of the test.
+    /// A test log that it was fitted to.
     pub fitted_to: Option<String>,
 }
 
 impl TestedCalibration<'_> {
-    /// Returns true if errors on new rows are known, and every check has passed.
     pub fn is_ok(&self) -> bool {
         self.fitted_to.is_none() && self.promise.is_some() && self.reasons().is_empty()
     }
 
-    /// The reasons not to use the calibration, most important first.
+    /// Reasons not to use the calibration, most important first.
     pub fn reasons(&self) -> Vec<String> {
         let faults = self.examination.faults.iter();
         let faults = faults.map(|fault| format!(" on the test: {}", fault.text));
@@ -67,7 +58,6 @@ impl TestedCalibration<'_> {
         format!("NOT KNOWN: the error on new loads, {unknown}")
     }
 
-    /// The screen.
     pub fn screen(&self) -> Screen {
         let is_held_out = self.promise.as_ref().is_none_or(|promise| promise.is_held_out);
         let promised = match is_held_out {
@@ -118,9 +108,8 @@ impl TestedCalibration<'_> {
     }
 }
 
-/// The mean half-width of the 95 % intervals of some rows, and the share of rows within theirs, from a sample
-/// of the rows; `None` if the calibration has no standard errors. `factors` are the half-widths in standard
-/// errors.
+/// Mean half-width of the 95 % intervals, and share of rows within theirs, from a sample of the rows; `None` without
+/// standard errors. `factors`: half-widths in standard errors.
 pub fn frame_interval(
     calibration: &Calibration,
     factors: &PerAxis<f64>,

@@ -1,5 +1,4 @@
-//! The verdict on a fit: its error on unseen data, the interval of a frame, whether to use the fit, and what
-//! to record next.
+//! The verdict on a fit: its error on unseen data, the interval of a frame, and what to record next.
 
 use super::examination::{Examination, Fault, FaultPlace};
 use super::{Fit, FitMethod};
@@ -17,45 +16,36 @@ const ROWS_OF_INTERVAL: u64 = 1024;
 /// Minimum of 1 − leverage: a fit without a row of higher leverage says next to nothing about that row.
 const LEAST_LEFT: f64 = 0.1;
 
-/// The worth of a fit on unseen data.
 #[derive(Clone, Debug)]
 pub struct Verdict<'a> {
     pub(super) fit: &'a Fit,
-    /// The axes of the calibration.
     pub axes: Axes,
-    /// Errors on rows that were not used, if they are known.
     pub unseen: Option<UnseenErrors>,
-    /// The interval that holds 95 % of single frames, or why it is not known.
+    /// Interval that holds 95 % of single frames, or why it is not known.
     pub interval: Result<FrameInterval, String>,
     /// Axes whose error is about as large as the loads.
     pub useless: Axes,
     gaps: Vec<Gap>,
 }
 
-/// Errors on rows that were not used for the fit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct UnseenErrors {
     /// Root mean square, N and N·m.
     pub rms: PerAxis<f64>,
     /// `rms` divided by the range of the training loads; `None` for an axis without a range.
     pub share_of_range: PerAxis<Option<f64>>,
-    /// The rows with these errors.
     pub on: UnseenRows,
-    /// The factor by which errors may be larger in a new file, from the scatter between files; `None` if no
-    /// files were held out.
+    /// Factor by which errors may be larger in a new file, from the scatter between files, if some were held out.
     pub spread: Option<PerAxis<f64>>,
 }
 
 /// Rows that were not used for a fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum UnseenRows {
-    /// Groups of the training rows, held out in folds.
+    /// Training rows, held out in folds of groups.
     HeldOut {
-        /// The definition of the groups.
         by: GroupBy,
-        /// Number of groups.
         groups: usize,
-        /// Number of folds.
         folds: usize,
         /// True if the rows were not in order of time, so that every fold has similar rows on both sides.
         are_shuffled: bool,
@@ -64,7 +54,6 @@ pub enum UnseenRows {
     Test(u64),
 }
 
-/// The interval that holds 95 % of single frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameInterval {
     /// Half its width, N and N·m.
@@ -74,12 +63,10 @@ pub struct FrameInterval {
 }
 
 impl Fit {
-    /// The errors on rows that were not used; `None` if there are none.
     pub fn unseen_errors(&self) -> Option<UnseenErrors> {
         unseen_errors(self)
     }
 
-    /// The worth of the fit on unseen data.
     pub fn verdict(&self) -> Verdict<'_> {
         let (axes, unseen) = (self.calibration.axes, self.unseen_errors());
         let errors = unseen.as_ref().map_or(self.train.map(|of| of.rms), |of| of.rms);
@@ -90,17 +77,16 @@ impl Fit {
 }
 
 impl Verdict<'_> {
-    /// Returns true if errors on unseen rows are known, and every check has passed.
+    /// Returns true if errors on unseen rows are known and every check has passed.
     pub fn is_ok(&self) -> bool {
         self.unseen.is_some() && self.reasons().is_empty()
     }
 
-    /// The results of the examination of test and training rows, if there was one.
     pub fn examination(&self) -> Option<&Examination> {
         self.fit.examination.as_ref()
     }
 
-    /// The reasons not to use the fit, most important first, each with its subject.
+    /// Reasons not to use the fit, most important first, each with its subject.
     pub fn reasons(&self) -> Vec<String> {
         let of_model = self.reasons_of_model().into_iter().map(|reason| format!(": {reason}"));
         let faults = self.fit.examination.iter().flat_map(|of| &of.faults);
@@ -140,13 +126,12 @@ impl Verdict<'_> {
         matches!(&self.unseen, Some(of) if matches!(of.on, UnseenRows::Test(_)))
     }
 
-    /// The first fault of the test or the data.
     pub(super) fn fault(&self, place: FaultPlace) -> Option<&str> {
         let faults = self.fit.examination.iter().flat_map(|of| &of.faults);
         faults.filter(|fault| fault.place == place).map(|fault| fault.text.as_str()).next()
     }
 
-    /// The headline: whether to use the fit and for what, or the first reason not to.
+    /// Use of the fit, or the first reason against it.
     pub fn headline(&self) -> String {
         if let Some(reason) = self.reasons().first() {
             return format!("NOT OK{reason}");
@@ -203,7 +188,6 @@ impl UnseenRows {
     }
 }
 
-/// The headline of a calibration that has passed, with its useless axes.
 pub(super) fn usable_words(useless: Axes) -> String {
     let mut said = "OK: use it within the calibrated range".to_owned();
     if !useless.is_empty() {
@@ -245,12 +229,10 @@ fn unseen_errors(fit: &Fit) -> Option<UnseenErrors> {
     Some(UnseenErrors { rms, share_of_range, on, spread: fit.spread() })
 }
 
-/// The mean standard error of unseen rows that resemble the training rows, N and N·m; `None` if the fit has
-/// no rows, only their sums.
+/// Mean standard error of unseen rows like the training rows, N and N·m; `None` if only sums of the rows are left.
 ///
-/// A training row of leverage h takes part in its own prediction, which has a variance of s²·(1 + h). Without
-/// the row, the variance is s²/(1 − h) (Cook and Weisberg, Residuals and Influence in Regression, 1982,
-/// §2.2.1).
+/// A training row of leverage h takes part in its own prediction, of variance s²·(1 + h). Without the row, it is
+/// s²/(1 − h) (Cook and Weisberg, Residuals and Influence in Regression, 1982, §2.2.1).
 fn mean_standard_errors(fit: &Fit, residual_sd: &PerAxis<f64>) -> Option<PerAxis<f64>> {
     let every = fit.used.rows().div_ceil(ROWS_OF_INTERVAL).max(1) as usize;
     let mut readings = vec![Vec::new(); fit.calibration.columns()];
@@ -301,8 +283,7 @@ fn interval(fit: &Fit) -> Result<FrameInterval, String> {
     }
 }
 
-/// The next step: against a gap in the loads or, without one, the errors as shares of the range of loads;
-/// `None` if neither is known.
+/// The next step: against a gap in the loads, or else the errors as shares of the range of loads, if known.
 pub(super) fn next_words(
     gap: Option<&Gap>,
     shares: impl Iterator<Item = (Axis, f64)>,

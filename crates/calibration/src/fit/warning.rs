@@ -4,21 +4,16 @@ use least_squares::error::FitError;
 use least_squares::exact::ExactError;
 use least_squares::uncertainty::TooFewGroups;
 
-/// A warning to the user of a calibration.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Warning {
-    /// The exact solver was requested and cannot take the rows.
     #[error("not solved exactly but by refined QR: {0}")]
     NotExact(ExactError),
-    /// The exact solver was requested, but sums of rows with such weights are not exact.
     #[error("not solved exactly but by refined QR: sample_weight has no whole numbers")]
     Weighted,
-    /// Standard errors by group are not possible, for this reason.
     #[error(
         "standard errors treat rows as independent, and are too small if rows of a group are correlated: {0}"
     )]
     NotGrouped(FitError),
-    /// There are no standard errors, because there are too few groups.
     #[error(
         "no standard errors: {features} features need {least} groups of rows, found {groups}; record more or \
          use a smaller `--model`",
@@ -27,13 +22,11 @@ pub enum Warning {
         least = 2 * .0.features
     )]
     FewGroups(FewGroups),
-    /// Number of directions that were left out because the data hardly excite them.
     #[error(
         "left out {0} direction{s} in which the data hardly move the readings",
         s = if *.0 > 1 { "s" } else { "" }
     )]
     DirectionsLeftOut(usize),
-    /// A fit with about as many coefficients as rows passes through every point, regardless of their values.
     #[error(
         "{rows} rows for {coefficients} coefficients: overfitted; record more poses or choose a smaller \
          `--model`"
@@ -41,22 +34,18 @@ pub enum Warning {
     FewRows {
         /// Rows fitted.
         rows: u64,
-        /// Independent coefficients of an axis.
         coefficients: usize,
     },
-    /// The share of test rows at poses of the training data.
     #[error(
         "the test set leaks: {:.0} % of its rows are at poses of the training data; test on other poses",
         100.0 * .0
     )]
     TestLeaks(f64),
-    /// The share of training rows whose pose also has rows in other groups.
     #[error(
         "the groups leak: {:.0} % of the rows share a pose with other groups; give each pose one label",
         100.0 * .0
     )]
     GroupsLeak(f64),
-    /// All test rows are outside the range of the training data; holds their number.
     #[error(
         "all {0} test rows are outside the training range: check the sensor's zero and the order of the \
          columns"
@@ -71,15 +60,13 @@ pub enum Warning {
          columns"
     )]
     MomentUnit(f64),
-    /// Channels that never change, numbered from 0.
+    /// Numbered from 0.
     #[error("left out, because they never change: {}", names(.0))]
     DeadChannels(Vec<usize>),
-    /// Some test rows are outside the range of the training data.
     #[error("{outside} of {rows} test rows have a reading outside the range of the training data")]
     OutOfRange {
-        /// Number of rows outside the range.
+        /// Test rows outside the range.
         outside: u64,
-        /// Number of test rows.
         rows: u64,
     },
 }
@@ -89,18 +76,15 @@ fn names(channels: &[usize]) -> String {
     names.join(", ")
 }
 
-/// The number of features is more than half the number of groups. Regardless of the rank, too
-/// little is then left of the groups to estimate errors from.
+/// More features than half the groups: whatever the rank, too little is left to estimate errors from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FewGroups {
-    /// Number of features of the model.
     pub features: usize,
-    /// Number of groups of rows.
     pub groups: usize,
 }
 
 impl FewGroups {
-    /// Compares the number of features with the number of groups; `None` if there are enough groups.
+    /// `None` if there are enough groups.
     pub fn new(features: usize, groups: usize) -> Option<Self> {
         (2 * features > groups).then_some(Self { features, groups })
     }

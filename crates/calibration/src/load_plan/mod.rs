@@ -1,22 +1,19 @@
 //! Design of calibrations: the choice of the next load.
 //!
-//! A pose gives more information if less is known about its readings, which can be computed before
-//! it is recorded:
+//! A pose gives more information the less is known about its readings, which is computed before it is recorded:
 //!
 //! | criterion | chosen load, among all that the rig can apply |
 //! |---|---|
 //! | [`Order::Gain`] | greatest gain of information, `Σᵢ ln(1 + jᵢᵀCᵢjᵢ/vᵢ)` over the sensors; without a model of the sensors, `ln(1 + φᵀCφ)` on the terms φ of [`Surface`]: the D-optimal design, one load at a time |
 //! | [`Order::AverageVariance`] | least variance of a wrench afterwards, on average over the range of loads (ALC) |
 //!
-//! `j` is the gradient of a sensor's response with respect to its parameters, `C` their covariance,
-//! and `v` the variance of the response. After each load, a rank-one update changes `C` to its
-//! value after that load is recorded.
+//! `j` is the gradient of a sensor's response with respect to its parameters, `C` their covariance, and `v` the
+//! variance of the response. A rank-one update of `C` follows each load.
 //!
-//! Sources: Fedorov, Theory of Optimal Experiments, 1972, ch. 3 (exchange and sequential D-optimal
-//! designs); DuMouchel & Jones, Technometrics 36, 37, 1994 (D-optimal with a prior on terms of
-//! higher order); MacKay, Neural Computation 4, 590, 1992, and Cohn, Neural Networks 9, 1071, 1996
-//! (information gain, and average variance: ALC). Wind-tunnel balances are calibrated in this way:
-//! Parker et al., AIAA 2001-0170.
+//! Sources: Fedorov, Theory of Optimal Experiments, 1972, ch. 3 (exchange and sequential D-optimal designs);
+//! DuMouchel & Jones, Technometrics 36, 37, 1994 (D-optimal with a prior on terms of higher order); MacKay, Neural
+//! Computation 4, 590, 1992, and Cohn, Neural Networks 9, 1071, 1996 (information gain, and average variance: ALC);
+//! for wind-tunnel balances, Parker et al., AIAA 2001-0170.
 
 mod planner;
 mod replay;
@@ -55,14 +52,10 @@ pub fn loads_of_dataset(data: &Dataset) -> Vec<PerAxis<f64>> {
 /// Two axes that nearly always moved together.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Coupling {
-    /// One axis.
     pub first: Axis,
-    /// The other axis.
     pub second: Axis,
-    /// Correlation of the two axes.
     pub correlation: f64,
-    /// Candidate that lowers the correlation most, and the correlation after it; `None` if no
-    /// candidate lowers it by a hundredth.
+    /// Candidate that lowers the correlation most, and the result; `None` if none lowers it by a hundredth.
     pub broken_by: Option<(usize, f64)>,
 }
 

@@ -1,5 +1,4 @@
-//! Choice of loads in the order of their information, from what is known about the sensors: smooth
-//! responses, or a physics model.
+//! Choice of loads by their information, from smooth responses or a physics model.
 
 use sensor_physics::cholesky::{Cholesky, diagonal};
 use sensor_physics::response::{Answer, Parameters};
@@ -8,8 +7,8 @@ use shell_data::wrench::PerAxis;
 
 /// Number of terms: 1, w (6) and w·w (21).
 const TERMS: usize = 28;
-/// Prior variances of the terms of first and of second order, with loads in units of the largest of
-/// each axis, in variances of one pose. Tenfold values hardly change the order of loads.
+/// Prior variances of terms of first and second order, in variances of one pose, for loads in units of each axis's
+/// largest. Tenfold values hardly change the order.
 const FIRST_ORDER: f64 = 1e4;
 const SECOND_ORDER: f64 = 25.0;
 /// Level of an interval of one standard error, for normal errors.
@@ -40,9 +39,9 @@ fn dot<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
     a.iter().zip(b).fold(0.0, |sum, (a, b)| a.mul_add(*b, sum))
 }
 
-/// Knowledge before any reading: every response is a surface of second order in the wrench, with 28
-/// terms: 1, w and w·w. Loads that determine these well determine other smooth responses, too. By
-/// the prior, terms of first order are determined first until there are more loads than terms.
+/// Second-order surfaces in the wrench as prior knowledge of the responses: 28 terms, 1, w and w·w. Loads that
+/// determine these well determine other smooth responses, too. The prior makes first-order terms come first until
+/// there are more loads than terms.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Surface {
     pub(super) covariance: Box<[[f64; TERMS]; TERMS]>,
@@ -82,7 +81,7 @@ impl Surface {
         variance(&self.covariance, &self.terms(load)).ln_1p()
     }
 
-    /// Root of the mean variance of a response over some loads, in standard deviations of one pose.
+    /// Root mean variance of a response over some loads, in standard deviations of one pose.
     fn error(&self, range: &[PerAxis<f64>]) -> f64 {
         let variances = range.iter().map(|load| variance(&self.covariance, &self.terms(load)));
         (variances.sum::<f64>() / range.len().max(1) as f64).sqrt()
@@ -98,7 +97,7 @@ impl Surface {
     }
 }
 
-/// A physics model with covariances that include some more loads, with unknown readings.
+/// Physics model with covariances that include further loads of unknown readings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SensorKnowledge {
     model: PhysicsModel,
@@ -113,7 +112,7 @@ struct SensorAnswer {
 }
 
 impl SensorKnowledge {
-    /// Takes the model of a calibration. Its standard errors are scaled to the errors on held-out groups.
+    /// Takes a model with standard errors scaled to the errors on held-out groups.
     pub fn from_calibration(calibration: &PhysicsCalibration) -> Self {
         let factors = calibration.intervals.as_ref().and_then(|of| of.factors(ONE_SIGMA).ok());
         Self { model: calibration.model().clone(), inflation: factors.unwrap_or([1.0; 6]) }
@@ -186,7 +185,6 @@ impl SensorKnowledge {
 /// Most loads over which variances are averaged: more do not change any order.
 const MOST_OF_RANGE: usize = 120;
 
-/// An order of loads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Order {
     /// The given order, which should be random.
@@ -200,10 +198,8 @@ pub enum Order {
 }
 
 impl Order {
-    /// All orders.
     pub const ALL: [Self; 4] = [Self::Random, Self::DOptimal, Self::Gain, Self::AverageVariance];
 
-    /// Name for reports.
     pub fn name(self) -> &'static str {
         match self {
             Self::Random => "random order",
@@ -220,7 +216,6 @@ enum Knowledge {
     Sensors(Box<SensorKnowledge>),
 }
 
-/// Chooses loads one after the other.
 pub struct Planner<'a> {
     candidates: &'a [PerAxis<f64>],
     left: Vec<usize>,
@@ -229,10 +224,8 @@ pub struct Planner<'a> {
     order: Order,
 }
 
-/// A chosen load.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlannedLoad {
-    /// Index among the candidates.
     pub candidate: usize,
     /// Gain of information, in nats.
     pub gain: f64,
@@ -243,16 +236,14 @@ pub struct PlannedLoad {
 /// Predicted error over the range of loads.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PredictedError {
-    /// Root mean square error of a wrench, N and N·m.
     Wrench(PerAxis<f64>),
-    /// Error of the surface through the responses, in standard deviations of one pose, because
-    /// nothing was read yet.
+    /// Relative to the standard deviation of one pose, because nothing was read yet.
     Relative(f64),
 }
 
 impl PredictedError {
-    /// Returns true if every force is within `force_n`, and every moment within `moment_nm`, where
-    /// these are given; false without readings, because errors in N are then unknown.
+    /// Returns true if forces and moments are within the given limits. False without readings, because errors in N are
+    /// then unknown.
     pub fn is_within(&self, force_n: Option<f64>, moment_nm: Option<f64>) -> bool {
         let Self::Wrench(errors) = self else { return false };
         let within = |errors: &[f64], limit: Option<f64>| {
@@ -263,8 +254,7 @@ impl PredictedError {
 }
 
 impl<'a> Planner<'a> {
-    /// Creates a planner after `loads`: without a model of the sensors, or with a model that
-    /// already includes the loads that it was fitted to.
+    /// Creates a planner after `loads`, which a model of the sensors already includes.
     pub fn new(
         sensors: Option<SensorKnowledge>,
         order: Order,
@@ -281,7 +271,6 @@ impl<'a> Planner<'a> {
         Self { candidates, left: (0..candidates.len()).collect(), range, knowledge, order }
     }
 
-    /// Predicted error with the loads so far.
     pub fn error(&self) -> PredictedError {
         match &self.knowledge {
             Knowledge::Surface(surface) => PredictedError::Relative(surface.error(&self.range)),

@@ -5,9 +5,8 @@
 //!                        └───────────────────────────────▲──────────────────────┘
 //! ```
 //!
-//! Every order begins with the same poses and ends with all of them. The error comes from the
-//! physics model, with its priors chosen anew each time. It is relative to the root mean square of
-//! the loads of each axis, averaged in squares over the axes and the poses.
+//! Every order begins with the same poses and ends with all of them. The error is that of the physics model, with new
+//! priors each time, relative to the root mean square of the loads, averaged in squares over axes and poses.
 
 use std::collections::BTreeMap;
 use std::num::NonZeroU64;
@@ -20,59 +19,46 @@ use sensor_physics::{Choice, Inversion, Observation, PhysicsModel, wrench_scale}
 use shell_data::random::{Purpose, RandomStream};
 use shell_data::wrench::PerAxis;
 
-/// Number of poses per step: the model is refitted after every pose at first, and after `n/16` more
-/// poses from `n` poses on.
+/// The model is refitted after every pose at first, and after `n/16` more poses from `n` poses on.
 const STEP_SHARE: usize = 16;
 
-/// Options of a replay.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReplayOptions {
-    /// Number of poses that are held out for testing.
     pub held_out: usize,
-    /// Number of random poses at the beginning of every order.
+    /// Random poses at the beginning of every order.
     pub start: usize,
-    /// Seed of the random choice.
     pub seed: u64,
     /// Number of random splits into training and held-out poses.
     pub splits: NonZeroU64,
 }
 
-/// Result of a replay, averaged over the splits.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Replay {
-    /// Numbers of poses to which models were fitted.
     pub poses: Vec<usize>,
     /// Mean over the splits of the relative error, for each of [`Order::ALL`].
     pub errors: [Vec<f64>; 4],
 }
 
-/// Reason why a session cannot be replayed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReplayError {
-    /// Too few poses for a model and a held-out set.
     #[error(
         "`{found}` poses are too few: with `{held_out}` held out at least `{needed}` are needed"
     )]
     TooFewPoses {
-        /// Number of poses.
         found: usize,
-        /// Number of held-out poses.
         held_out: usize,
         /// Fewest poses that suffice.
         needed: usize,
     },
-    /// No model can be fitted to the poses.
     #[error(transparent)]
     Fit(#[from] FitError),
 }
 
-/// One pose: all observations with one label.
 type ReplayPose<'a> = Vec<&'a Observation>;
 
 impl Replay {
-    /// Replays `observations` in every order, split by split on several threads; the result does
-    /// not depend on the number of threads.
+    /// Replays `observations` in every order, split by split, with any number of threads.
     ///
     /// # Errors
     /// [`ReplayError`] if the poses outside the held-out set do not determine a model.

@@ -106,7 +106,6 @@ fn predicted_errors_are_those_that_are_found() {
         // The tolerance allows for Laplace's approximation, and for variances of noise from 320 numbers.
         assert!((0.7..1.4).contains(&ratio), "axis {axis}: {ratio}");
     }
-    // Each planned load lowers the errors.
     let sizes = planner.take(5).map(|of| match of.error {
         PredictedError::Wrench(errors) => errors[0] / 5.0 + errors[5] / 0.2,
         PredictedError::Relative(_) => f64::NAN,
@@ -126,7 +125,6 @@ fn planned_orders_need_fewer_poses_than_random_ones() {
     // Compares at twice the final error: closer to it, the mean of three splits varies by a third.
     let needed = Order::ALL.map(|order| replay.poses_within(order, 1.0));
     assert!(needed[1..].iter().all(|&poses| poses < needed[0]), "{needed:?} {replay:?}");
-    // All orders begin and end with the same poses.
     let ends = |errors: &Vec<f64>| [errors[0], errors[errors.len() - 1]];
     for errors in &replay.errors[1..] {
         let (ends, random) = (ends(errors), ends(&replay.errors[0]));

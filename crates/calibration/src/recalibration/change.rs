@@ -4,9 +4,8 @@
 //! s' = s + γ·(s − s₀) + ζ       F' = R·F       M' = R·M + o × F'
 //! ```
 //!
-//! Unprimed symbols are the readings and wrench of the original sensor; primed symbols belong to
-//! the changed sensor. Both changes are absorbed into the numbers of a calibration of any kind, so
-//! conversion is as fast as before.
+//! Primed symbols belong to the changed sensor. Its changes are absorbed into the numbers of the calibration, which
+//! converts as fast as before.
 
 use crate::conversion::{Calibration, Kind};
 use least_squares::model::Term;
@@ -16,10 +15,8 @@ use sensor_physics::response::{PARAMETERS, Parameters};
 use sensor_physics::{PhysicsCalibration, PhysicsModel, Sensor};
 use shell_data::wrench::{PerAxis, cross, force_at};
 
-/// The changes of a sensor since it was calibrated.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Change {
-    /// The change of each channel.
     pub channels: Vec<ChannelChange>,
     /// `o`: position of the calibrated frame's origin in the frame of the new wrench, m.
     pub lever_m: [f64; 3],
@@ -27,7 +24,6 @@ pub struct Change {
     pub turn_rad: [f64; 3],
 }
 
-/// The change of a channel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ChannelChange {
     /// `γ`: relative increase of the sensitivity.
@@ -45,8 +41,7 @@ impl ChannelChange {
 }
 
 impl Change {
-    /// Applies the change to a calibration. The result has no intervals, because they belong to the
-    /// unchanged sensor.
+    /// Applies the change to a calibration, without the intervals, which belong to the unchanged sensor.
     pub fn apply(&self, calibration: &Calibration) -> Calibration {
         let kind = match &calibration.kind {
             Kind::Polynomial(polynomial) => Kind::Polynomial(self.polynomial(polynomial)),
@@ -68,8 +63,7 @@ impl Change {
         changed
     }
 
-    /// Keeps scales, which are powers of two: coefficients absorb the gains. Memory terms, as
-    /// differences of readings, change with the gain alone.
+    /// Keeps scales, which are powers of two: coefficients absorb the gains. Memory terms change with the gain alone.
     pub(super) fn polynomial(&self, polynomial: &Polynomial) -> Polynomial {
         let (model, mut scaling) = (polynomial.model(), polynomial.scaling().clone());
         let of_column = |column: usize| self.channels[column % model.channels];
@@ -126,7 +120,6 @@ impl Change {
         }
     }
 
-    /// Converts a wrench from the calibrated frame to the new one.
     fn wrench(&self, calibrated: &PerAxis<f64>) -> PerAxis<f64> {
         let [fx, fy, fz, mx, my, mz] = *calibrated;
         let mut wrench = force_at(rotated([fx, fy, fz], self.turn_rad), self.lever_m);
@@ -135,7 +128,6 @@ impl Change {
         wrench
     }
 
-    /// Converts a wrench from the new frame to the calibrated one.
     fn calibrated_wrench(&self, wrench: &PerAxis<f64>) -> PerAxis<f64> {
         let [fx, fy, fz, mx, my, mz] = *wrench;
         let more = cross(self.lever_m, [fx, fy, fz]);

@@ -1,10 +1,9 @@
 //! Recalibration of a sensor that was mounted again or has aged, from a few new loads.
 //!
-//! Only the effects of mounting and age are fitted: a zero and a gain for each channel, a lever
-//! offset and a turn ([`Change`]). Each has a normal prior with mean zero. The widths of the four
-//! priors, down to no change at all, maximise the probability of the new observations with all
-//! changes integrated out (Laplace's approximation; MacKay, Neural Computation 4, 415, 1992): a
-//! sensor that still reads the same is left unchanged.
+//! Only the effects of mounting and age are fitted: a zero and a gain for each channel, a lever offset and a turn
+//! ([`Change`]). Each has a normal prior with mean zero. The prior widths, down to zero, maximise the probability of
+//! the observations with all changes integrated out (Laplace's approximation; MacKay, Neural Computation 4, 415,
+//! 1992): a sensor that reads as before is left unchanged.
 //!
 //! A polynomial predicts the wrench, with the errors on held-out loads. A physics model predicts
 //! the readings, which outnumber the axes, with the variances of the model.
@@ -33,10 +32,8 @@ pub enum ChangedQuantity {
 }
 
 impl ChangedQuantity {
-    /// All quantities.
     pub const ALL: [Self; 4] = [Self::Zero, Self::Gain, Self::Lever, Self::Turn];
 
-    /// Name for reports.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Zero => "zeros",
@@ -57,20 +54,18 @@ const GAIN: f64 = 0.16;
 const LEVER_M: f64 = 8e-3;
 const TURN_RAD: f64 = 0.12;
 
-/// A change of this many standard deviations does not come from mounting or age, but from a wrong
-/// load: 0.48 rad, 32 mm, a gain of 64 %, a third of a channel's range. One in 16,000 sensors would
-/// change so much.
+/// A change of this many standard deviations comes from a wrong load: 0.48 rad, 32 mm, a gain of 64 %, a third of a
+/// channel's range. One in 16,000 sensors would change so much.
 const IMPOSSIBLE: f64 = 4.0;
 
 /// Candidate shares of these widths: halves suffice, as scatter is known to some 30 % at best.
 const SHARES: [f64; 6] = [0.0, 0.0625, 0.125, 0.25, 0.5, 1.0];
 
-/// Start of the search for shares, and number of passes through all four.
+/// First shares in the search, and number of passes through all four.
 const FIRST_SHARE: f64 = 0.25;
 const SWEEPS: usize = 4;
 
-/// A change is accepted if it makes the observations this much more probable. e⁶ is 400 to 1,
-/// because errors of a calibration at a few loads are not white noise.
+/// Least log evidence of a change. e⁶ is 400 to 1, because errors at a few loads are not white noise.
 const LEAST_LN_EVIDENCE: f64 = 6.0;
 
 /// A few loads on a calibrated sensor.
@@ -84,14 +79,12 @@ pub struct NewLoads<'a> {
     pub calibration_errors: PerAxis<f64>,
 }
 
-/// An updated calibration.
 #[derive(Clone, Debug)]
 pub struct Recalibration {
     /// Calibration of the sensor in its present state; the old one if nothing has changed.
     pub calibration: Calibration,
     /// Quantities that have changed, in the order of [`ChangedQuantity::ALL`].
     pub quantities: Vec<ChangedQuantity>,
-    /// Change of the quantities.
     pub change: Change,
     /// Standard errors of the change; zero for unchanged quantities.
     pub standard_errors: Change,
@@ -101,40 +94,31 @@ pub struct Recalibration {
     pub disagreement: [f64; 2],
     /// Root mean square errors of the old calibration on the new loads, N and N·m.
     pub before: PerAxis<f64>,
-    /// Root mean square errors of the new calibration.
     pub after: PerAxis<f64>,
     /// Errors on groups held out from the fit of the change; `None` for a single group.
     pub held_out: Option<PerAxis<HeldOutQuality>>,
 }
 
 impl Recalibration {
-    /// Returns true if the new loads contradict the calibration for any change of zeros, gains and mounting.
     pub fn is_contradicted(&self) -> bool {
         self.disagreement[1] > CONTRADICTION
     }
 }
 
-/// Reason why a calibration cannot be updated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RecalibrationError {
-    /// No loads.
     #[error("no loads")]
     NoLoads,
-    /// The logs have another number of channels.
     #[error("the calibration is for `{expected}` channels, the loads have `{found}`")]
     Channels {
         /// Channels of the calibration.
         expected: usize,
-        /// Channels of the logs.
         found: usize,
     },
-    /// No errors of the calibration are known, on held-out rows or others.
     #[error("nothing is known of the errors of the calibration")]
     NoErrors,
-    /// A value that is not a number.
     #[error("a reading or wrench is not a finite number")]
     NotFinite,
-    /// The loads imply an impossible change of the sensor, for example because one of them is wrong.
     #[error("the loads ask for {} that no mounting and no age make", .change.map_or("errors as large as the loads", ChangedQuantity::name))]
     Impossible {
         /// Quantity that would have changed too much; `None` if errors are as large as the loads.
@@ -176,8 +160,7 @@ impl Calibration {
                 of.error_scale.iter().map(|scale| scale * scale).sum::<f64>() / 6.0
             }
         };
-        // Errors as large as those on held-out loads decide if anything has changed. The variances
-        // of the readings themselves decide what has changed, because a wrench hides some of it.
+        // Held-out errors decide if anything has changed, variances of readings what: a wrench hides some of it.
         let cautious = ChangeSearch::new(self, loads, held_out_variance);
         let found = cautious.find(true);
         let outcome = match found.ln_evidence > LEAST_LN_EVIDENCE {

@@ -1,7 +1,6 @@
 //! Search for the change of greatest posterior density, with the priors that make the observations
-//! most probable. Differences are nearly linear in the change, so their normal equations are set up
-//! at the last change found; each trial of a prior, or of a held-out group, then solves only some
-//! twenty equations.
+//! most probable. Differences are nearly linear in the change, so each trial of a prior or a
+//! held-out group solves only some twenty equations, set up at the last change found.
 
 use std::collections::BTreeMap;
 
@@ -21,8 +20,7 @@ use shell_data::wrench::PerAxis;
 /// Number of linearisations: the third moves the result by a thousandth of a standard error.
 const ROUNDS: usize = 4;
 
-/// Step of central differences, in standard deviations of the widest priors and in reference
-/// errors.
+/// Step of central differences, in widest prior standard deviations and reference errors.
 const STEP: f64 = 1e-3;
 
 #[derive(Clone, Copy, Debug)]
@@ -35,8 +33,8 @@ struct Unknown {
 /// Width of the prior of each quantity, as a share of the widest; 0 for no change.
 pub(super) type Shares = [f64; ChangedQuantity::ALL.len()];
 
-/// Sums over the differences `c + J·x` of some observations in their stated errors; `x` are the
-/// unknowns in standard deviations of their widest priors.
+/// Sums over the differences `c + J·x` of observations in stated errors; `x` in standard deviations
+/// of the widest priors.
 #[derive(Clone, Debug)]
 struct ChangeEquations {
     /// `JᵀJ`.
@@ -50,7 +48,7 @@ struct ChangeEquations {
 struct Posterior {
     mean: Vec<f64>,
     errors: Vec<f64>,
-    /// Least sum of squares of differences and unknowns in their stated errors.
+    /// Least sum of squares, of differences and unknowns.
     cost: f64,
     ln_evidence: f64,
 }
@@ -61,10 +59,9 @@ pub(super) struct FoundChange {
     pub(super) change: Change,
     pub(super) standard_errors: Change,
     pub(super) held_out: BTreeMap<u64, Change>,
-    /// Log evidence: how much more probable the observations are than without a change.
+    /// Log evidence.
     pub(super) ln_evidence: f64,
-    /// RMS of the differences before and after the change, in stated errors; the second with the
-    /// prior terms.
+    /// RMS of differences before and after the change, in stated errors; the second with priors.
     pub(super) disagreement: [f64; 2],
     /// Quantity that would have changed more than in any sensor.
     pub(super) impossible: Option<ChangedQuantity>,
@@ -94,7 +91,6 @@ impl ChangeEquations {
         self.square += sign * other.square;
     }
 
-    /// `None` if the curvature is not positive definite.
     fn posterior(&self, sds: &[f64]) -> Option<Posterior> {
         let size = sds.len();
         // x = S·z with z of variance one.
@@ -117,7 +113,6 @@ impl ChangeEquations {
 }
 
 impl<'a> ChangeSearch<'a> {
-    /// Multiplies the variances of a physics model's readings by `variance_scale`.
     pub(super) fn new(
         calibration: &'a Calibration,
         loads: &'a NewLoads<'a>,
@@ -136,8 +131,7 @@ impl<'a> ChangeSearch<'a> {
         search
     }
 
-    /// Finds the change that the observations show, with the priors that make them most probable;
-    /// no change unless `is_changed`.
+    /// Finds the change with the most probable priors; no change unless `is_changed`.
     pub(super) fn find(&self, is_changed: bool) -> FoundChange {
         let mut at = vec![0.0; self.unknowns.len()];
         let mut shares = Shares::default();
@@ -176,7 +170,7 @@ impl<'a> ChangeSearch<'a> {
         }
     }
 
-    /// Group of the observation that is furthest from the unchanged calibration, in stated errors.
+    /// Group of the observation furthest from the unchanged calibration, in stated errors.
     pub(super) fn furthest(&self) -> u64 {
         let rows = self.whitened(&vec![0.0; self.unknowns.len()]);
         let square = |row: &Vec<f64>| row.iter().map(|x| x * x).sum::<f64>();
@@ -185,7 +179,6 @@ impl<'a> ChangeSearch<'a> {
         furthest.map_or(0, |(_, observation)| observation.group)
     }
 
-    /// Finds the priors that make the observations most probable, one quantity after another.
     fn most_probable(&self, all: &ChangeEquations) -> Shares {
         let evidence = |shares: &Shares| {
             all.posterior(&self.sds(shares)).map_or(f64::NEG_INFINITY, |of| of.ln_evidence)
@@ -310,7 +303,6 @@ impl<'a> ChangeSearch<'a> {
         }
     }
 
-    /// Factor of the covariance of differences, from errors of the calibration and the reference.
     fn factor_of_errors(&self, at: usize, variance_scale: f64) -> Mat<f64> {
         let observation = &self.loads.observations[at];
         let mut covariance = match &self.calibration.kind {
@@ -381,8 +373,7 @@ fn covariance_of_readings(model: &PhysicsModel, wrench: &PerAxis<f64>) -> Mat<f6
     })
 }
 
-/// Reading that the gain of each channel does not change, and width of its range. This reading is
-/// the converter's zero, unless the channel is never near it.
+/// Reading that no gain changes (the converter's zero, if ever approached) and range of channels.
 fn channels(calibration: &Calibration) -> Vec<(f64, f64)> {
     let has_constant = calibration.polynomial().is_none_or(|it| it.model().intercept);
     let of_range = |[min, max]: [f64; 2]| {

@@ -1,9 +1,9 @@
-//! Coverage of the six axes by the loads of a recording. A calibration knows nothing about loads
+//! Coverage of the six axes by the loads of a recording: a calibration knows nothing about loads
 //! that were never applied. Each axis and sign has a range, a root mean square, a share of the
 //! rows, and a share of the sum of squares, which distinguishes a real load from noise about zero.
-//! The condition number, from the correlation matrix of the wrench about its mean, is 1 if the axes
-//! move independently. Some correlation comes from the shell: a push from the side at some height
-//! is a force and a moment.
+//! The condition number of the correlation matrix of the wrench is 1 if the axes move
+//! independently. Some correlation comes from the shell: a push from the side at some height is a
+//! force and a moment.
 
 use least_squares::block_ranges::range_of;
 use least_squares::reading_ranges::ReadingRange;
@@ -15,13 +15,13 @@ use shell_data::wrench::{Axes, Axis, PerAxis};
 /// Share of an axis's sum of squares below which a sign counts as hardly loaded.
 const SMALL_SHARE: f64 = 0.1;
 
-/// Longest plausible lever: a shell of 10 cm has levers of a few cm, and an arm of 1 m has less
-/// than this. Moments with a longer lever are in another unit.
+/// Longest plausible lever: a 10 cm shell has levers of a few cm, an arm of 1 m less than this.
+/// Longer ones mean moments in another unit.
 pub const LONGEST_LEVER_M: f64 = 2.0;
 
 const STRONG_CORRELATION: f64 = 0.9;
 
-/// Sums over wrenches, to be merged with sums over other rows.
+/// Mergeable sums over wrenches.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct WrenchSums {
     rows: u64,
@@ -38,10 +38,8 @@ struct AxisSums {
     signs: [(u64, f64); 2],
 }
 
-/// Coverage of the six axes by the training loads.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Excitation {
-    /// Excitation of each axis.
     #[serde(with = "shell_data::by_axis")]
     pub axes: PerAxis<AxisExcitation>,
     /// Correlation of the axes about their means; 0 for an axis that never changes.
@@ -54,19 +52,13 @@ pub struct Excitation {
 /// Coverage of one axis, N or N·m.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct AxisExcitation {
-    /// The smallest value.
     pub min: f64,
-    /// The largest value.
     pub max: f64,
-    /// Root mean square.
     pub rms: f64,
-    /// Share of rows above zero.
     pub rows_positive: f64,
-    /// Share of rows below zero.
     pub rows_negative: f64,
     /// Contribution of the rows above zero to the sum of squares, 0 to 1; 0 without load.
     pub load_positive: f64,
-    /// Contribution of the rows below zero.
     pub load_negative: f64,
 }
 
@@ -74,10 +66,9 @@ pub struct AxisExcitation {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Gap {
-    /// An axis that never changes.
     #[error("{name} never changes: record loads on {name}", name = .0.name())]
     Unloaded(Axis),
-    /// An axis that is hardly loaded in one direction: upwards if `positive`.
+    /// Few loads in one direction.
     #[error(
         "few loads towards {sign}{name} ({:.1} % of its sum of squares): record more, if the sensor will see \
          them",
@@ -86,14 +77,11 @@ pub enum Gap {
         sign = if *positive { '+' } else { '−' }
     )]
     OneSided {
-        /// The axis.
         axis: Axis,
         /// True if loads above zero are missing.
         positive: bool,
-        /// Share of these loads in the sum of squares.
         share: f64,
     },
-    /// Two axes that nearly always move together.
     #[error(
         "{} and {} nearly always move together (correlation {correlation:.2}): record loads that separate \
          them",
@@ -101,17 +89,15 @@ pub enum Gap {
         second.name()
     )]
     Together {
-        /// One axis.
         first: Axis,
-        /// The other axis.
         second: Axis,
-        /// Correlation of the two axes.
+        /// From −1 to 1.
         correlation: f64,
     },
 }
 
 impl WrenchSums {
-    /// Sums over some rows: six columns of the same length, N and N·m, finite.
+    /// Sums rows: six columns of one length, N and N·m, finite.
     ///
     /// # Panics
     /// If there are not six columns of one length.
@@ -124,7 +110,6 @@ impl WrenchSums {
         wrench_sums(wrench)
     }
 
-    /// Adds the rows of `other`.
     pub fn merge(&mut self, other: &Self) {
         if other.rows == 0 {
             return;
@@ -149,7 +134,7 @@ impl WrenchSums {
         self.rows += other.rows;
     }
 
-    /// Computes the excitation; `None` for zero rows.
+    /// `None` for zero rows.
     pub fn excitation(&self) -> Option<Excitation> {
         if self.rows == 0 {
             return None;
@@ -205,9 +190,9 @@ vectorised! {
 
 const LANES: usize = 8;
 
-/// Number of rows above zero after multiplication by `sign`, and their sum of squares; zeros are on
-/// neither side. Each sum and side has a loop: the compiler generates branches instead of vectors
-/// if one condition follows from another.
+/// Number of rows above zero after multiplication by `sign`, and their sum of squares. Each has its
+/// own loop: the compiler generates branches instead of vectors if one condition follows from
+/// another.
 #[inline(always)]
 fn sign(column: &[f64], sign: f64) -> (u64, f64) {
     let load = |x: f64| if sign * x > 0.0 { sign * x } else { 0.0 };
@@ -256,7 +241,6 @@ impl Excitation {
         self.axes.map(|axis| axis.max.abs().max(axis.min.abs()))
     }
 
-    /// Gaps on these axes.
     pub fn gaps(&self, axes: Axes) -> Vec<Gap> {
         let mut gaps = Vec::new();
         for axis in axes.iter() {

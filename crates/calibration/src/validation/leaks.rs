@@ -1,10 +1,10 @@
 //! Check that test rows were not recorded at the poses of the training rows.
 //!
 //! A random split of one recording, or random group labels, leaves rows of every pose on both
-//! sides, so the error on the test rows is a training error. A row counts as one of a pose if its
-//! load equals that of training rows, within the last digit of the coarser file, and every reading
-//! is near theirs: a pose that is set up again has other readings. Rows may be in any order. The
-//! check is not conclusive if the reference flickers by more than its last digit.
+//! sides: the test error is a training error. A row counts as one of a pose if its load equals that
+//! of training rows within the last digit of the coarser file, and every reading is near theirs: a
+//! pose that is set up again reads differently. Rows may be in any order. A reference that flickers
+//! by more than its last digit hides leaks.
 
 use std::collections::HashMap;
 use std::iter::repeat_n;
@@ -22,7 +22,7 @@ const DIGIT_ROWS: usize = 256;
 /// Digits beyond which doubles cannot be distinguished.
 const MOST_DIGITS: i32 = 12;
 
-/// Sums may be in another order: loads of one file within this share of the range are equal.
+/// Loads of one file within this share of the range are equal: their sums may be in another order.
 const SAME: f64 = 1e-9;
 
 /// Fewest rows of a load that determine its readings.
@@ -33,7 +33,6 @@ const FEWEST_LOADS: usize = 3;
 /// Share of rows at poses of the training rows from which a test says nothing about new poses.
 pub const LEAKY: f64 = 0.1;
 
-/// Rows spread over some logs.
 #[derive(Clone, Debug, Default)]
 pub struct RowSample {
     rows: Vec<SampledRow>,
@@ -46,7 +45,7 @@ struct SampledRow {
     group: usize,
 }
 
-/// Last digit of numbers that were rounded to some decimals or to some significant digits.
+/// Last digit of numbers rounded to some decimals or significant digits.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct LastDigit {
     /// Value of the last decimal place, as a power of ten.
@@ -54,10 +53,9 @@ struct LastDigit {
     digits: i32,
 }
 
-/// Poses at which the rows of a sample were recorded.
 #[derive(Clone, Debug)]
 pub struct RecordedPoses {
-    /// Poses, ascending by the load on the first axis.
+    /// Ascending by the load on the first axis.
     poses: Vec<RecordedPose>,
     sample: RowSample,
     range: PerAxis<f64>,
@@ -71,7 +69,7 @@ struct RecordedPose {
 }
 
 impl RowSample {
-    /// Takes every `stride`-th row of a block; see [`stride`](Self::stride).
+    /// Takes every `stride`-th row; see [`stride`](Self::stride).
     pub fn new(block: &Block, stride: usize) -> Self {
         let row = |row: usize| SampledRow {
             load: std::array::from_fn(|axis| block.wrench[axis][row]),
@@ -102,7 +100,6 @@ impl RowSample {
         usize::try_from(rows / KEPT as u64).unwrap_or(usize::MAX) | 1
     }
 
-    /// Appends the rows of a block; drops every second row while there are too many.
     pub fn add(&mut self, mut block: Self) {
         self.rows.append(&mut block.rows);
         while self.rows.len() > KEPT {
@@ -154,8 +151,7 @@ impl RowSample {
         Some(RecordedPoses { poses, sample: self, range })
     }
 
-    /// Divides rows where the load on an axis steps by more than `step`, in ascending order; drops
-    /// parts of a few rows.
+    /// Divides rows where the sorted axis steps by more than `step`; drops parts of a few rows.
     fn divide(&self, mut rows: Vec<usize>, axis: usize, step: f64) -> Vec<Vec<usize>> {
         let load = |row: &usize| self.rows[*row].load[axis];
         rows.sort_unstable_by(|a, b| load(a).total_cmp(&load(b)));
@@ -247,7 +243,7 @@ fn spans<'a>(rows: impl Iterator<Item = &'a SampledRow>) -> Vec<ReadingSpan> {
     spans
 }
 
-/// Returns true if every reading is within its range, widened by the range's width and by `slack`.
+/// Returns true if every reading is within its range, widened by its width and by `slack`.
 fn have(spans: &[ReadingSpan], row: &SampledRow, slack: f64) -> bool {
     spans.iter().zip(&row.readings).all(|(&[least, most], reading)| {
         let width = most - least + slack;
@@ -255,8 +251,7 @@ fn have(spans: &[ReadingSpan], row: &SampledRow, slack: f64) -> bool {
     })
 }
 
-/// Share of the rows of a labelled data set whose pose occurs in several groups; `None` if the data
-/// set does not consist of poses. Labels that were assigned at random give nearly 1.
+/// Share of rows whose pose is in several groups; `None` without poses. Random labels: nearly 1.
 pub fn share_in_several_groups(data: &Dataset) -> Option<f64> {
     Some(RowSample::from_groups(data).poses()?.share_in_several_groups())
 }
@@ -266,8 +261,7 @@ mod tests {
     use super::*;
     use system_tests::random::Random;
 
-    /// Rows of poses in a random order, each pose with its own load and readings; noise of one
-    /// count.
+    /// Rows of poses in a random order, each with its own load and readings; noise of one count.
     fn poses(seed: u64, poses: usize, rows: usize) -> Vec<(PerAxis<f64>, Vec<f64>, usize)> {
         let mut random = Random(seed);
         let mut all = Vec::new();

@@ -1,7 +1,6 @@
-//! Trust in a calibration outside its training data, beyond the [errors on held-out
-//! rows](cross_validation): [`plateaus`] finds groups in recordings, [`excitation`] measures the
-//! coverage of the six axes, [`leaks`] finds poses on both sides of a split, and [`outliers`] finds
-//! rows that stand out.
+//! Trust in a calibration beyond its training data and the [errors on held-out
+//! rows](cross_validation): [`plateaus`] finds groups, [`excitation`] measures the coverage of the
+//! axes, [`leaks`] finds poses on both sides of a split, and [`outliers`] corrupt rows.
 
 pub mod excitation;
 pub mod leaks;

@@ -1,7 +1,7 @@
 //! Outliers: corrupt rows, found by their deleted residuals.
 //!
-//! A row is tested by a fit to the others. With the error `e` of an axis, its standard deviation
-//! `σ` over the rows of the fit and the leverage `h = ‖Fᵀx‖²` of the row's features,
+//! A row is tested by a fit to the others, with the error `e` of an axis, its standard deviation
+//! `σ` over the rows of the fit and the leverage `h = ‖Fᵀx‖²` of the row's features:
 //!
 //! ```text
 //! size = |e| / (σ·√(1 + h))      of a row that the fit has not seen
@@ -10,9 +10,8 @@
 //!
 //! A row is an outlier if its size exceeds a limit on any axis (Cook and Weisberg, Residuals and
 //! Influence in Regression, 1982, §2.2), with two exceptions:
-//!
-//! - Its neighbours have similar errors: motion that a model cannot follow comes and goes, but a
-//!   slip lasts one row or two.
+//! - Its neighbours have similar errors: motion that a model cannot follow lasts, a slip takes a
+//!   row or two.
 //! - The error is no larger than the change of both the prediction and the load from one row to the
 //!   next: sensor and reference are not sampled at the same time.
 //!
@@ -27,14 +26,13 @@
 //!   its channel's changes from row to row: fast motion may cause as large an error, but not such a
 //!   jump.
 //!
-//! Corrupt rows bend a fit towards themselves and hide each other. The search therefore begins with
-//! a fit without all rows that exceed a limit. Rows that turn out to be good go back, and the fit
-//! is repeated until it no longer changes.
+//! Corrupt rows bend a fit towards themselves and hide each other. The search therefore begins
+//! without all rows that exceed a limit, and returns the good ones until the fit no longer changes.
 //!
 //! The [limit](LIMIT) is 10 because a row moves the predictions of `n` others by no more than
-//! `size·σ/√n` on average. To move a root mean square error by a tenth, it needs a size of
-//! `0.46·√n`, which is above 10 from 470 rows on. If many errors are large, a search raises the
-//! limit far above all of them.
+//! `size·σ/√n` on average: to move a root mean square error by a tenth, it needs a size of
+//! `0.46·√n`, above 10 from 470 rows on. If many errors are large, a search raises the limit far
+//! above all of them.
 
 use crate::conversion::Calibration;
 use crate::prediction::spread;
@@ -60,48 +58,41 @@ const FAR: f64 = 8.0;
 const LOOK_AT_ERROR: f64 = 3.6;
 const LOOK_AT_READING: f64 = 4.5;
 
-/// Limits for a row that dominates a fit: its leverage, its leverage in averages, its jump from
-/// both neighbours in standard deviations, and the size of its error.
+/// Limits for a row that dominates a fit: leverage, the same in averages, jump from both neighbours
+/// in standard deviations, size of the error.
 const TAKES_OVER: f64 = 0.5;
 const TAKES_OVER_IN_AVERAGES: f64 = 20.0;
 const JUMP: f64 = 2.0;
 const SIZE_WITH_JUMP: f64 = 3.0;
 
-/// Limits for a spike: its jump from both neighbours, in standard deviations of the changes of its
-/// channel, and the size of its error.
+/// Limits for a spike: jump from both neighbours, in deviations of channel changes; error size.
 const SPIKE: f64 = 6.0;
 const SIZE_WITH_SPIKE: f64 = 4.0;
 
 /// Distances, in rows before and after a slip of one row or two, at which its error has halved.
-/// Errors of fast motion grow and fade over some rows.
 const BESIDE: [[usize; 2]; 3] = [[1, 1], [1, 2], [2, 1]];
 
 /// Errors below this share of the standard deviation of the load are rounding.
 const SMALLEST_NOISE: f64 = 1e-4;
 
-/// A test of rows by a fit.
 #[derive(Debug)]
 pub struct RowTest<'a> {
     spread: &'a Spread,
-    /// The calibration that predicts the wrench.
     pub calibration: Calibration,
     features: Features,
     factor: TriangularColumns,
-    /// The standard deviation of the errors of each axis, N and N·m.
+    /// Standard deviation of the errors of each axis, N and N·m.
     pub noise: PerAxis<f64>,
     average_leverage: f64,
 }
 
-/// A row that was tested.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TestedRow {
-    /// The row of the block.
     pub row: usize,
     /// Predicted minus measured, N and N·m.
     pub error: PerAxis<f64>,
     /// The largest size of an error.
     pub size: f64,
-    /// Axis of the largest error.
     pub axis: usize,
     /// True if the neighbours have smaller errors, and the load changes by less than the error.
     errs_alone: bool,
@@ -111,13 +102,11 @@ pub struct TestedRow {
     is_far_alone: bool,
     /// A reading jumps from both neighbours, and the leverage is high enough to dominate the fit.
     takes_over: bool,
-    /// True if a reading jumps from both neighbours by more than its channel changes, and the error
-    /// is that large.
+    /// True if a reading jumps from both neighbours by more than usual, and the error is large.
     is_spike: bool,
 }
 
 impl TestedRow {
-    /// Returns true if the row is an outlier when errors up to `limit` are accepted.
     pub fn is_outlier(&self, limit: f64) -> bool {
         (self.size > limit && self.errs_alone)
             || (self.far > FAR && self.is_far_alone)
@@ -131,15 +120,13 @@ impl TestedRow {
         (self.size > LIMIT && self.errs_alone) || self.takes_over
     }
 
-    /// Returns true if the row exceeds any limit, and may hide others.
     pub fn stands_out(&self) -> bool {
         self.size > LIMIT || self.far > FAR || self.takes_over
     }
 }
 
 impl<'a> RowTest<'a> {
-    /// Creates a test from a solution and the spread of its rows. `None` if there are no more rows
-    /// than coefficients.
+    /// Creates a test; `None` if there are no more rows than coefficients.
     pub fn new(solution: &Solution, spread: &'a Spread) -> Option<Self> {
         let features = Features::new(solution.model, solution.scaling.clone());
         let free = solution.rows.checked_sub(features.len() as u64).filter(|&free| free > 0)?;
@@ -166,15 +153,15 @@ impl<'a> RowTest<'a> {
         sizes.fold(0.0, f64::max)
     }
 
-    /// The rows of a block to test: those with a large error, a far reading, a jump or a spike. No
-    /// public function here is generic: it would be compiled with its callers, perhaps for size.
+    /// Finds the rows of a block to test: a large error, a far reading, a jump or a spike. Public
+    /// functions here are not generic, because those are compiled with their callers, perhaps for
+    /// size.
     pub fn suspects(&self, block: &Block, predicted: &PerAxis<Vec<f64>>) -> Vec<usize> {
         let excess = row_excess(self, predicted, block);
         excess.iter().enumerate().filter(|(_, excess)| **excess > 1.0).map(|(row, _)| row).collect()
     }
 
     /// Tests a few rows of a block, in ascending order, by a fit that `has_left_out` some of them.
-    /// Predicts only the wrench of these rows and their neighbours.
     pub fn test(
         &self,
         block: &Block,
@@ -190,9 +177,9 @@ impl<'a> RowTest<'a> {
         let error = |axis: usize, at: usize| predicted[axis][at] - columns.wrench[axis][at];
         let test_row = |(&position, leverage): (&TestPosition, f64)| {
             let TestPosition { row, at, .. } = position;
-            // A fit follows a row of leverage one regardless of its values: its residual is
-            // rounding. The three values are the variance of the row's error, its leverage in a fit
-            // that includes it, and the factor from its error to the error of a fit without it.
+            // The residual of a row of leverage one is rounding, because the fit follows it. The
+            // values: variance of the error, leverage in a fit with the row, factor from its error
+            // to that of a fit without it.
             let (variance, in_fit, deleted) = match has_left_out(row) {
                 true => (1.0 + leverage, leverage / (1.0 + leverage), 1.0),
                 false => ((1.0 - leverage).max(1e-9), leverage, (1.0 - leverage).max(1e-9).recip()),
@@ -260,19 +247,16 @@ struct TestPosition {
 }
 
 impl TestPosition {
-    /// The index of the row `distance` before it, if the block has one.
     fn before(self, distance: usize) -> Option<usize> {
         (self.row >= distance).then(|| self.at - distance)
     }
 
-    /// The index of the row `distance` after it, if the block has one.
     fn after(self, distance: usize) -> Option<usize> {
         (self.row + distance < self.rows).then_some(self.at + distance)
     }
 }
 
-/// Copies of some rows of a block, in ascending order, with their neighbours, and the positions of
-/// the rows among the copies.
+/// Copies rows of a block, ascending, with neighbours; returns the positions among the copies.
 fn copy_rows(rows: &[usize], block: &Block) -> (Block, Vec<TestPosition>) {
     const REACH: usize = 2;
     let mut copies = Block::default();
@@ -341,14 +325,12 @@ fn distance(columns: &Block, spread: &Spread, position: TestPosition) -> (f64, b
     (far, is_apart(position.before(1)) && is_apart(position.after(1)))
 }
 
-/// Largest difference between a value and its neighbours.
 fn change(values: &[f64], position: TestPosition) -> f64 {
     let beside = [position.before(1), position.after(1)].into_iter().flatten();
     beside.map(|at| (values[position.at] - values[at]).abs()).fold(0.0, f64::max)
 }
 
-/// Returns true if a reading of a row jumps from both neighbours by `limit` times the deviation of
-/// its channel.
+/// Returns true if a reading jumps from both neighbours by `limit` times its channel's deviation.
 fn jumps(columns: &Block, deviations: &[f64], limit: f64, position: TestPosition) -> bool {
     let [before, after] = [position.before(1), position.after(1)];
     let (Some(before), Some(after)) = (before.or(after), after.or(before)) else { return false };
@@ -367,19 +349,15 @@ fn jump(value: f64, [before, after]: [f64; 2]) -> f64 {
     if up > down { up } else { down }
 }
 
-/// The spread of readings and loads.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Spread {
     /// Means of the readings of each channel, then of the axes of the wrench.
     pub(super) means: Vec<f64>,
-    /// Standard deviations of the readings and of the wrench, in the same order.
     pub(super) deviations: Vec<f64>,
-    /// The standard deviations of the changes of each channel from row to row.
     pub(super) changes: Vec<f64>,
 }
 
 impl Spread {
-    /// The spread of a data set, from rows spread over all of it.
     pub fn new(data: &Dataset, workers: Workers<'_>) -> Result<Self, FitError> {
         /// This number of rows determines a standard deviation to one percent.
         const ENOUGH: u64 = 8192;
@@ -392,7 +370,6 @@ impl Spread {
             Ok(())
         };
         let of_block = |(): &mut (), block: &&Block| Ok(sampled_spread(block, step));
-        // Other passes count these rows for the progress bar.
         let workers = Workers { watch: None, ..workers };
         each(&blocks, |block| block, workers, || (), of_block, merge)?;
         let readings = columns.len().saturating_sub(Axis::ALL.len()) / 2;
@@ -412,8 +389,8 @@ impl Spread {
     }
 }
 
-/// Mean and variance of each column of a block: of readings and wrench, then of the changes of the
-/// readings from row to row. Uses only every `step`-th run of rows.
+/// Mean and variance of each column: readings, wrench, then changes of the readings from row to
+/// row. Uses every `step`-th run.
 fn sampled_spread(block: &Block, step: usize) -> Vec<RunningVariance> {
     /// Rows of a run, if `step` is more than one.
     const RUN: usize = 32;

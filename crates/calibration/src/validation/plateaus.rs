@@ -1,17 +1,14 @@
-//! Groups of rows in a recording without named groups: plateaus of constant load, or blocks between
-//! jumps of its clock.
+//! Groups in a recording without named ones: plateaus of constant load, or blocks between jumps of its clock.
 //!
-//! A row continues a plateau if every axis is within a [step](Steps) of the plateau's mean. Rows
-//! that leave it start another plateau as soon as [`FEWEST_ROWS`] of them agree; if the load
-//! returns before, they remain in the plateau. Rows between two plateaus belong to the first, and
-//! neighbouring plateaus are merged if they differ by less than [`SAME_LEVEL`] of the range of
+//! A row continues a plateau if every axis is within a [step](Steps) of the plateau's mean. Rows that leave it start
+//! another as soon as [`FEWEST_ROWS`] of them agree; if the load returns before, they remain. Rows between two
+//! plateaus belong to the first. Neighbours are merged if they differ by less than [`SAME_LEVEL`] of the range of
 //! every axis. A clock that restarts ends a plateau.
 //!
-//! A plateau is steady if it has [`FEWEST_ROWS`] and a line through its rows rises by no more than
-//! half a step, or twice [`SAME_LEVEL`]: plateaus of motion are not. A recording consists of
-//! plateaus if there are [`FEWEST_PLATEAUS`] steady ones, they hold [`STEADY_SHARE`] of the rows,
-//! and the variance within them is at most [`WITHIN_SHARE`] of that of the loads. Rows are
-//! processed one after another, in memory that grows with the plateaus alone.
+//! A plateau is steady if it has [`FEWEST_ROWS`] and a line through its rows rises by no more than half a step, or
+//! twice [`SAME_LEVEL`], unlike motion. A recording consists of plateaus if [`FEWEST_PLATEAUS`] are steady, these
+//! hold [`STEADY_SHARE`] of the rows, and the variance within them is at most [`WITHIN_SHARE`] of that of the loads.
+//! Memory grows with the plateaus alone.
 
 use shell_data::statistics::{MergeWeights, extremes};
 
@@ -32,9 +29,9 @@ pub const WITHIN_SHARE: f64 = 0.05;
 /// Consecutive plateaus are merged if they differ by less than this share of the range on every axis.
 pub const SAME_LEVEL: f64 = 0.01;
 
-/// A step is the largest of: this many standard deviations of the noise, this many times the
-/// difference that 85 % of consecutive rows keep within, and half of [`SAME_LEVEL`]. A reference
-/// that flickers by its last digit therefore makes no steps.
+/// Limits for a step, the largest of: this many standard deviations of the noise, this many times the difference that
+/// 85 % of consecutive rows keep within, and half of [`SAME_LEVEL`]. A reference that flickers by its last digit
+/// makes none.
 const STEP_IN_NOISE: f64 = 8.0;
 const STEP_IN_FLICKER: f64 = 4.0;
 const FLICKER_SHARE: f64 = 0.85;
@@ -99,29 +96,24 @@ fn quantile(values: &mut [f64], share: f64) -> f64 {
     *values.select_nth_unstable_by(at, f64::total_cmp).1
 }
 
-/// The division of a recording into blocks of rows.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Stretches {
-    /// Plateaus of constant load, as their numbers of rows.
+    /// Numbers of rows of each plateau of constant load.
     Plateaus(Vec<u64>),
-    /// Recordings between jumps of the clock, as their numbers of rows.
+    /// Numbers of rows between jumps of the clock.
     Recordings(Vec<u64>),
-    /// Neither plateaus nor recordings.
     Nothing,
 }
 
 /// Rows with about the same load.
 #[derive(Clone, Copy, Debug)]
 pub struct Level<const N: usize> {
-    /// The first row.
     pub start: u64,
     /// Number of rows that agree.
     pub rows: u64,
-    /// The mean of each column.
     pub mean: [f64; N],
     squares: [f64; N],
-    /// Mean position of the rows, sum of their squared distances from it, and sums of the products
-    /// of these distances with the loads.
+    /// Mean position of the rows, sum of squared distances from it, and sums of their products with the loads.
     position: f64,
     place_squares: f64,
     products: [f64; N],
@@ -165,7 +157,6 @@ impl<const N: usize> Level<N> {
     }
 }
 
-/// Finds the plateaus of a recording, row by row.
 #[derive(Clone, Debug)]
 pub struct PlateauFinder<const N: usize = 6> {
     steps: Steps<N>,
@@ -178,13 +169,12 @@ pub struct PlateauFinder<const N: usize = 6> {
 }
 
 impl<const N: usize> PlateauFinder<N> {
-    /// Starts before the first row.
     pub fn new(steps: Steps<N>) -> Self {
         let (levels, jumps) = (Vec::new(), Vec::new());
         Self { steps, rows: 0, last_s: None, levels, leaving: None, jumps }
     }
 
-    /// Adds the next rows: their times, or none without a clock, and the columns of their wrench.
+    /// Adds the next rows: their times, empty without a clock, and the columns of their wrench.
     pub fn add(&mut self, time_s: &[f64], wrench: &[Vec<f64>]) {
         let rows = wrench.first().map_or(0, Vec::len);
         let times = time_s.iter().copied().map(Some).chain(std::iter::repeat(None));
@@ -234,7 +224,6 @@ impl<const N: usize> PlateauFinder<N> {
         self.levels.push(level);
     }
 
-    /// Divides the rows into blocks.
     pub fn finish(self) -> Stretches {
         if let Some(plateaus) = self.plateaus() {
             return Stretches::Plateaus(plateaus);
@@ -274,8 +263,8 @@ impl<const N: usize> PlateauFinder<N> {
         level.rows >= FEWEST_ROWS && (0..N).all(|axis| level.rise(axis) <= may_rise(axis))
     }
 
-    /// Poses: steady levels that are long compared with the others. Rows in transition belong to
-    /// none. Merges neighbours that are closer than the share `same` of the range.
+    /// Poses: steady levels that are long compared with the others, without rows in transition.
+    /// Merges neighbours that are closer than the share `same` of the range.
     pub fn holds(&self, same: f64) -> Vec<Level<N>> {
         let ranges = self.ranges();
         let mut holds = self.merged(&ranges, same);

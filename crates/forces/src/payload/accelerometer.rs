@@ -4,9 +4,8 @@
 //! gravity determine these: `a = A·g + b` is fitted by least squares, axis by axis (the noise is in
 //! a), and inverted to `g = A⁻¹·(a − b)`. If only the accelerometer knows the orientation, its
 //! frame follows from the forces: the rotation R that best satisfies `F ≈ m·R·u + F₀` for the
-//! directions `u = −a` (Wahba, SIAM Review 7, 409, 1965; solved by the singular value
-//! decomposition, Markley, J. Astronaut. Sci. 38, 245, 1988). The offsets are then
-//! indistinguishable from the sensor's zero, and remain in it.
+//! directions `u = −a` (Wahba, SIAM Review 7, 409, 1965; by singular values, Markley, J. Astronaut.
+//! Sci. 38, 245, 1988). The offsets then remain in the sensor's zero.
 
 use faer::Mat;
 
@@ -31,8 +30,8 @@ pub struct Accelerometer {
 }
 
 impl Accelerometer {
-    /// Fits frame, scale and offsets to accelerations and the corresponding gravity, in m/s².
-    /// Returns `None` if there are too few poses, or gravity does not turn in all three dimensions.
+    /// Fits frame, scale and offsets to accelerations and gravity, m/s². `None` for too few poses,
+    /// or gravity that does not turn in all three dimensions.
     pub fn fit(accelerations: &[Vector], gravity: &[Vector]) -> Option<Self> {
         let count = accelerations.len();
         if count < LEAST_POSES || count != gravity.len() {
@@ -67,8 +66,8 @@ impl Accelerometer {
     }
 }
 
-/// The frame from the forces on a still sensor, N, and the accelerations in `unit_m_s2`, which is
-/// negative if they point along gravity.
+/// Frame from the forces on a still sensor, N, and accelerations in `unit_m_s2`, negative if these
+/// point along gravity.
 ///
 /// # Errors
 /// [`PayloadError`] if the sensor does not turn about two axes.

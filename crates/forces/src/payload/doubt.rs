@@ -1,5 +1,4 @@
-//! Detection of forces and moments that do not follow gravity, and of an exchange of axes that
-//! explains them.
+//! Forces and moments that do not follow gravity, and an exchange of axes that explains them.
 
 use super::PayloadPose;
 use super::fit::{PayloadFit, fit};
@@ -51,8 +50,7 @@ fn scatter(poses: &[PayloadPose], first: usize) -> f64 {
     (squares.map(|off| dot(off, off)).sum::<f64>() / (3 * poses.len()) as f64).sqrt()
 }
 
-/// A permutation of the moments with signs: for each axis the source axis, and true if its sign
-/// flips.
+/// A permutation of moments: for each axis the source axis, and true if its sign flips.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MomentExchange([(usize, bool); 3]);
 
@@ -109,8 +107,7 @@ pub struct MomentDoubt {
     pub cure: Option<(MomentExchange, f64)>,
 }
 
-/// Returns a doubt if most of the moments do not follow gravity, with the exchange of axes after
-/// which they do.
+/// Returns a doubt if most moments do not follow gravity, with the exchange of axes that helps.
 pub fn moment_doubt(found: &PayloadFit, poses: &[PayloadPose]) -> Option<MomentDoubt> {
     let left = LeftOver::of_moments(found, poses);
     if !left.is_suspected() {

@@ -8,8 +8,7 @@
 //!
 //! Standard errors treat the residuals as independent between poses and axes, with one variance for
 //! all forces and one for all moments; those of c and T₀ include the error of m. c needs gravity to
-//! turn about two axes or more: on a single line of directions, the component of c along it has no
-//! lever.
+//! turn about two axes or more: on a line of directions, its component along it has no lever.
 
 use shell_data::hint::Hint;
 use shell_data::wrench::PerAxis;
@@ -17,8 +16,8 @@ use shell_data::wrench::PerAxis;
 use super::vector::{Vector, add, cross, dot, inverse, mean, norm, scaled, subtract, times};
 use super::{Payload, STANDARD_GRAVITY_M_S2};
 
-/// The minimum spread of the directions of gravity perpendicular to their main line, rad RMS. With
-/// less spread they do not determine the centre of mass.
+/// Least spread of the directions of gravity perpendicular to their main line, rad RMS, that
+/// determines the centre of mass.
 pub const LEAST_SPREAD: f64 = 1e-3;
 
 /// The minimum number of poses: each gives six equations, and residuals need some to spare.
@@ -75,12 +74,10 @@ pub struct PayloadFit {
     /// Mean magnitude of gravity over the poses, m/s²; the mass is a force divided by this.
     #[serde(default = "standard_gravity")]
     pub gravity_m_s2: f64,
-    /// RMS rotation of gravity, rad: about the axis of the largest rotation, and about all others
-    /// together.
+    /// RMS rotation of gravity, rad: about the axis of the largest, and about all others together.
     pub spread_rad: [f64; 2],
 }
 
-/// Gravity in earlier documents, which do not state it.
 fn standard_gravity() -> f64 {
     STANDARD_GRAVITY_M_S2
 }
@@ -171,8 +168,7 @@ pub fn fit(poses: &[PayloadPose]) -> Result<PayloadFit, PayloadError> {
     })
 }
 
-/// RMS difference of gravity from its mean, as a share of gravity: along the main line of these
-/// differences, and perpendicular to it.
+/// RMS difference of gravity from its mean, in gravities: along the main line, and across it.
 pub(super) fn spread(
     turns: impl Iterator<Item = Vector> + Clone,
     gravity: impl ExactSizeIterator<Item = Vector>,

@@ -1,19 +1,19 @@
 //! Payload of a sensor: loads that are not contact.
 //!
-//! A tool, a shell or a hand behind the sensor has weight, and exerts inertial forces when it
-//! accelerates. With the apparent gravity `g` in the sensor's frame (gravity less acceleration,
-//! which is the negative of an accelerometer's reading),
+//! A tool, a shell or a hand behind the sensor has weight and inertia. With the apparent gravity
+//! `g` in the sensor's frame (gravity less acceleration, the negative of an accelerometer's
+//! reading),
 //!
 //! ```text
 //! F = m·g + F₀        T = c × m·g + T₀
 //! ```
 //!
 //! with mass m, centre of mass c and the sensor's own zero F₀, T₀. Still poses with known
-//! orientation determine all ten parameters ([`fit()`]), and the frame, scale and offset of an
-//! accelerometer ([`Accelerometer`]). During a run the accelerometer gives g at any time
-//! ([`Motion`]), the angular velocity gives the [contribution of turning](gravity_at_centre) at c,
-//! and the load is subtracted. Torque from angular acceleration (the tensor of inertia) is not
-//! modelled. The module neither reads files nor prints.
+//! orientation determine all ten ([`fit()`]), and the frame, scale and offset of an accelerometer
+//! ([`Accelerometer`]). During a run the accelerometer gives g at any time ([`Motion`]), the
+//! angular velocity gives the [contribution of turning](gravity_at_centre) at c, and the load is
+//! subtracted. Torque from angular acceleration (the tensor of inertia) is not modelled. No files
+//! or printing.
 
 mod accelerometer;
 mod doubt;
@@ -66,7 +66,7 @@ impl Payload {
     }
 }
 
-/// The inertial forces that are subtracted from a load in addition to weight.
+/// Inertial forces that are subtracted in addition to weight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Inertia {
     /// None: gravity is from orientations.
@@ -79,7 +79,7 @@ pub enum Inertia {
 #[derive(Clone, Debug, PartialEq)]
 pub struct CarriedLoad {
     pub payload: Payload,
-    /// Apparent gravity at the body's centre over time, on the clock of the wrench.
+    /// Apparent gravity at the body's centre, on the clock of the wrench.
     pub motion: Motion,
     pub inertia: Inertia,
     /// The factor on accelerations, if their unit differed from that of the poses.
@@ -99,8 +99,7 @@ impl CarriedLoad {
         (!times_s.is_empty()).then(|| sum.map(|sum| sum / times_s.len() as f64))
     }
 
-    /// Subtracts the load at each row's time, and `zero`, from its wrench. Returns the number of
-    /// rows whose load is not known.
+    /// Subtracts the load at each row's time, and `zero`. Returns the number of unknown loads.
     pub fn subtract(
         &self,
         times_s: &[f64],

@@ -1,19 +1,18 @@
-//! Stationary intervals: blocks of time in which the sensor is still and unloaded, so that its zero
-//! is visible.
+//! Stationary intervals: times in which a still and unloaded sensor shows its zero.
 //!
 //! The first `STATIONARY_FRAMES` fresh frames of a log form one, as in the usual tare. A later
 //! block of at least as many frames, and half a second, is stationary if in every channel
 //!
-//! - its readings scatter about their mean by no more than `QUIET` times the scatter of the first
+//! - its readings scatter about their mean by at most `QUIET` times the scatter of the first
 //!   interval,
 //! - the means of its fifths differ by no more than `QUIET` times that scatter, and
 //! - its mean differs from the previous interval's by no more than `SAME_ZERO` of the range so far,
 //!   or `QUIET` times that scatter if that is more.
 //!
 //! So the zero may drift arbitrarily far if slowly or in small steps, and a pose is not stationary.
-//! Readings cannot distinguish a load that rises more slowly than twice the noise in half a second
-//! from drift, or a load below a twentieth of the range so far from none. Only the past is used:
-//! the intervals are the same during recording and afterwards.
+//! A load that rises more slowly than twice the noise in half a second looks like drift, one below
+//! a twentieth of the range so far like none. Only the past is used: the intervals are the same
+//! during recording and afterwards.
 
 mod watch;
 
@@ -26,26 +25,24 @@ use super::options::DEFAULT_TARE_FRAMES;
 
 pub use watch::{FALSE_ALARMS, QuietLevel, ZeroChange, ZeroMove, ZeroWatch, largest_change};
 
-/// The minimum number of frames of a stationary interval, as in the usual tare.
+/// Minimum number of frames of a stationary interval, as in the usual tare.
 pub(crate) const STATIONARY_FRAMES: usize = DEFAULT_TARE_FRAMES;
 
-/// Number of parts of a stationary interval. Their scatter gives the standard error of its mean
-/// even if the noise of neighbouring frames is correlated.
+/// Parts of a stationary interval, whose scatter gives the standard error of its mean even for
+/// correlated noise.
 pub const PARTS: usize = 5;
 
-/// Limit on the noise of an interval relative to the first one, and limit, in units of that noise,
-/// on the shift of the zero between intervals.
+/// Limit on an interval's noise relative to the first, and, in units of that, on the shift of the
+/// zero between intervals.
 const QUIET: f64 = 2.0;
 
-/// Limit on the shift of the zero between intervals, as a share of the range so far: after loads
-/// the zero returns with hysteresis.
+/// Limit on the zero's shift between intervals, in ranges so far: it returns with hysteresis.
 const SAME_ZERO: f64 = 0.05;
 
 /// The minimum noise, as a share of the reading: half a step of a 12-bit converter at mid-range.
 const LEAST_NOISE: f64 = 2.5e-4;
 
-/// Minimum time from the first frame of a part to its last, s: ten frames at 100 Hz, with room for
-/// a slightly uneven clock.
+/// Least time from a part's first frame to its last, s: ten at 100 Hz, on an uneven clock.
 const PART_S: f64 = 0.085;
 
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -77,7 +74,6 @@ struct StationaryPart {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct KnownZero {
-    /// Standard deviation when still.
     noise: f64,
     zero: f64,
     low: f64,
@@ -97,8 +93,8 @@ pub struct StationaryFinder {
 }
 
 impl StationaryFinder {
-    /// Takes the next fresh frames: their times, s, and their readings, one column per channel.
-    /// Stationary intervals that end among them are passed to `found`, in order.
+    /// Takes the next fresh frames: times, s, and readings, one column per channel. Passes
+    /// stationary intervals that end among them to `found`, in order.
     pub fn look_at(
         &mut self,
         times_s: &[f64],
@@ -136,7 +132,7 @@ impl StationaryFinder {
         }
     }
 
-    /// Forgets this number of the oldest frames: those of whole parts, or all of them.
+    /// Forgets the oldest frames: those of whole parts, or all of them.
     fn forget_first(&mut self, frames: usize) {
         self.ended = self.ended.saturating_sub(frames);
         if self.ended == 0 {
@@ -146,7 +142,6 @@ impl StationaryFinder {
         self.readings.iter_mut().for_each(|column| drop(column.drain(..frames)));
     }
 
-    /// Ends the current part; returns an interval if the part completes one.
     fn end_part(&mut self) -> Option<StationaryInterval> {
         let levels = self.readings.iter().map(|column| RunningVariance::new(&column[self.ended..]));
         let part =
@@ -216,8 +211,7 @@ mod tests {
         ((hash >> 11) as f64 / (1_u64 << 53) as f64 - 0.5) * 12_f64.sqrt()
     }
 
-    /// The first and last times of the stationary intervals of one channel at 100 Hz, processed in
-    /// pieces.
+    /// First and last times of stationary intervals of a channel at 100 Hz, fed in pieces.
     fn rests(level: impl Fn(f64) -> f64, seconds: usize, piece: usize) -> Vec<(f64, f64)> {
         let times: Vec<f64> = (0..100 * seconds).map(|i| i as f64 / 100.0).collect();
         let readings: Vec<f64> =

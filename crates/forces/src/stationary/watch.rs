@@ -1,12 +1,12 @@
 //! Test for a change of the zero between the start and the end of a log.
 //!
 //! The means of the first and the last stationary interval differ significantly if on any of k axes
-//! they differ by more than `t·√(e₁² + e₂²)`. Here e is the standard error of a mean from its
-//! [`PARTS`] parts, and t is Student's quantile with `2·(PARTS − 1)` degrees of freedom at a level
-//! of 1 − [`FALSE_ALARMS`]/k (Bonferroni). A reported change also exceeds the noise of one frame.
-//! If the noise is uncorrelated over a fifth of an interval, at most [`FALSE_ALARMS`] of logs with
-//! a constant zero give an alarm. An offset that a load leaves in the springs (play, creep) counts
-//! as a change.
+//! they differ by more than `t·√(e₁² + e₂²)`, with the standard errors e of the means from
+//! [`PARTS`] parts and Student's quantile t with `2·(PARTS − 1)` degrees of freedom at a level of 1
+//! − [`FALSE_ALARMS`]/k (Bonferroni). A reported change also exceeds the noise of one frame. If the
+//! noise is uncorrelated over a fifth of an interval, at most [`FALSE_ALARMS`] of logs with a
+//! constant zero give an alarm. An offset that a load leaves in the springs (play, creep) counts as
+//! a change.
 
 use calibration::Calibration;
 use calibration::uncertainty::student_quantile;
@@ -21,9 +21,9 @@ pub const FALSE_ALARMS: f64 = 0.01;
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct QuietLevel {
     pub mean: f64,
-    /// The noise of a frame: RMS distance from the mean.
+    /// RMS distance of a frame from the mean.
     pub noise: f64,
-    /// Standard error of the mean, from the means of the parts.
+    /// From the means of the parts.
     pub standard_error: f64,
 }
 
@@ -31,7 +31,7 @@ pub struct QuietLevel {
 pub struct ZeroChange {
     pub change: f64,
     pub limit: f64,
-    /// The noise of a frame, RMS in the first stationary interval.
+    /// Noise of a frame, RMS in the first stationary interval.
     pub noise: f64,
 }
 

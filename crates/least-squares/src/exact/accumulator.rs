@@ -1,11 +1,9 @@
 //! Exact summation of rows.
 //!
-//! Rows are processed in blocks of [`ROWS`], as integers relative to a centre near the middle of
-//! each channel's range, which keeps them small. Each sum over a block is exact (see
-//! [`limbs`](super::limbs)) and is added to a pair of `f64`, one for multiples of 2²⁶ and one for
-//! the rest, which stays exact for 2²⁶ blocks. When a reading or wrench is outside the plan of
-//! centre and limbs, the sums so far are moved into [`ExactSums`] and a new plan is made. An
-//! [`Adder`] shares what it learns about the rows among its accumulators.
+//! Rows are processed in blocks of [`ROWS`], as integers relative to a centre near the middle of each channel's
+//! range, which keeps them small. Each sum over a block is exact (see [`limbs`](super::limbs)) and is added to a pair
+//! of `f64`, for multiples of 2²⁶ and for the rest, exact for 2²⁶ blocks. A value outside the plan of centre and
+//! limbs moves the sums so far into [`ExactSums`], and a new plan is made.
 
 use std::sync::Arc;
 
@@ -26,11 +24,11 @@ pub struct Accumulator {
     basis: Basis,
     layout: Arc<SumLayout>,
     closed: Option<ExactSums>,
-    /// Units and ranges of the channels over all rows, including staged rows.
+    /// Units and ranges of the channels, including staged rows.
     channels: Vec<ChannelRange>,
     pub(super) expected: ExpectedRows,
     open: Option<OpenSums>,
-    /// Number of rows not yet summed. They are stored as columns of [`ROWS`] numbers.
+    /// Number of rows not yet summed, stored as columns of [`ROWS`] numbers.
     staged: usize,
     readings: Vec<f64>,
     wrench: Vec<f64>,
@@ -62,7 +60,6 @@ impl ExpectedRows {
 }
 
 impl Accumulator {
-    /// An accumulator over zero rows of `channels` channels.
     pub fn new(basis: Basis, channels: usize) -> Self {
         let nothing = vec![ChannelRange::EMPTY; channels];
         Self {
@@ -83,7 +80,7 @@ impl Accumulator {
         }
     }
 
-    /// Adds the rows of `other`: different rows of the same channels and basis.
+    /// Adds different rows of the same channels and basis.
     ///
     /// # Errors
     /// [`ExactError`] if the sums cannot be exact; do not use the accumulator after that.
@@ -104,8 +101,7 @@ impl Accumulator {
     /// Adds rows: `readings` in counts, one column per channel; `wrench` in N and N·m, six columns.
     ///
     /// # Errors
-    /// [`ExactError`] if the sums cannot be exact, after some rows may have been added; do not use
-    /// the accumulator after that.
+    /// [`ExactError`] if the sums cannot be exact; some rows may be in it: do not use the accumulator after that.
     ///
     /// # Panics
     /// If the numbers or lengths of columns are not as described.
@@ -144,7 +140,7 @@ impl Accumulator {
         Ok(())
     }
 
-    /// Returns true if some sums are in working form, which takes more memory than the final form.
+    /// Returns true if some sums are in working form, which takes more memory.
     pub fn is_open(&self) -> bool {
         self.open.is_some()
     }
@@ -158,8 +154,6 @@ impl Accumulator {
         Ok(self.closed.take())
     }
 
-    /// Returns the sums over all added rows.
-    ///
     /// # Errors
     /// [`ExactError`] if they cannot be exact.
     pub fn finish(mut self) -> Result<ExactSums, ExactError> {
@@ -168,7 +162,7 @@ impl Accumulator {
         Ok(self.closed.unwrap_or_else(|| ExactSums::with_layout(self.basis, self.layout)))
     }
 
-    /// Checks that readings are integers in some unit, and widens the known ranges to include them.
+    /// Checks that readings are integers in some unit, and widens the known ranges.
     fn widen_ranges<C: AsRef<[f64]>>(&mut self, readings: &[C]) -> Result<(), ExactError> {
         for (i, column) in readings.iter().enumerate() {
             let column = column.as_ref();
@@ -252,7 +246,7 @@ impl Accumulator {
         Ok(())
     }
 
-    /// Closes the open sums before the unit of a channel changes, on which the plan depends.
+    /// Closes the open sums before a channel's unit changes, on which the plan depends.
     fn discard_plan(&mut self) -> Result<(), ExactError> {
         self.expected.plan = None;
         self.close()
@@ -274,28 +268,25 @@ fn distance(channels: &[ChannelRange], centre: &[i64]) -> u32 {
     u32::try_from(largest.max(0)).unwrap_or(u32::MAX)
 }
 
-/// Adds rows to [`Accumulator`]s of one basis. Each starts with the latest plan and the ranges that
-/// the others have learned, since a new plan closes the sums of the previous one. They share one
-/// working memory. Results do not depend on this.
+/// Adds rows to [`Accumulator`]s of one basis, which start with the latest plan and known ranges, since a new plan
+/// closes sums, and share one working memory. Results do not depend on this.
 #[derive(Clone, Debug)]
 pub struct Adder {
-    /// A template accumulator without rows, with the ranges learned from all others.
+    /// Template without rows, with the ranges learned from all others.
     empty: Accumulator,
     scratch: Scratch,
 }
 
 impl Adder {
-    /// An adder for rows of `channels` channels.
     pub fn new(basis: Basis, channels: usize) -> Self {
         Self { empty: Accumulator::new(basis, channels), scratch: Scratch::default() }
     }
 
-    /// Starts sums over zero rows.
     pub fn begin(&self) -> Accumulator {
         self.empty.clone()
     }
 
-    /// Adds rows to `sums`, as [`Accumulator::absorb`] does, with the same panics.
+    /// Adds rows to `sums` as [`Accumulator::absorb`] does, with the same panics.
     ///
     /// # Errors
     /// [`ExactError`] if the rows cannot be summed exactly.
@@ -318,7 +309,7 @@ impl Adder {
         Ok(())
     }
 
-    /// Returns the sums over all rows of `sums`, as [`Accumulator::finish`] does.
+    /// Finishes `sums` as [`Accumulator::finish`] does.
     ///
     /// # Errors
     /// [`ExactError`] if they cannot be exact.

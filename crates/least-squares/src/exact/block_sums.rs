@@ -1,6 +1,5 @@
-//! Sums over one block of rows: from readings and wrench to the sums of all products. Columns hold
-//! [`ROWS`] small integers, so a sum of their products is exact in any order as long as no partial
-//! sum exceeds 2⁵³, which callers ensure (see `limbs`).
+//! Sums over one block of rows. Columns hold [`ROWS`] small integers: a sum of their products is
+//! exact in any order as long as no partial sum exceeds 2⁵³, which callers ensure (see `limbs`).
 
 use pulp::Simd;
 
@@ -84,7 +83,6 @@ vectorised! {
     }
 }
 
-/// Cuts the wrench into its limbs. Returns true if they add up to it.
 #[inline(always)]
 fn cut_wrench(plan: &SummationPlan, axes: &[f64], wrench: &mut [f64]) -> bool {
     let (squares, cross) = wrench.split_at_mut(plan.square_columns() * ROWS);
@@ -100,7 +98,6 @@ fn cut_wrench(plan: &SummationPlan, axes: &[f64], wrench: &mut [f64]) -> bool {
     true
 }
 
-/// Cuts the features that have more than one right operand.
 #[inline(always)]
 fn cut_rights(plan: &SummationPlan, features: &mut [f64]) {
     for columns in plan.firsts.windows(2).filter(|columns| columns[1] - columns[0] > 1) {
@@ -110,7 +107,6 @@ fn cut_rights(plan: &SummationPlan, features: &mut [f64]) {
     }
 }
 
-/// Cuts features whose left operands differ from their right operand, which is whole.
 #[inline(always)]
 fn cut_lefts(plan: &SummationPlan, lefts: &[LimbColumn], features: &mut [f64]) {
     let (rights, mut columns) = features.split_at_mut(plan.rights.len() * ROWS);
@@ -122,8 +118,8 @@ fn cut_lefts(plan: &SummationPlan, lefts: &[LimbColumn], features: &mut [f64]) {
     }
 }
 
-/// Computes `out[l·n + r] = Σ left_l·right_r` over the rows of a block, for `n` columns on the
-/// right. Left columns are given by their index in `columns`. Advances `out` past the filled part.
+/// Computes `out[l·n + r] = Σ left_l·right_r` over a block, for `n` columns on the right and
+/// indices of left `columns`. Advances `out` past the filled part.
 #[inline(always)]
 pub(crate) fn products<S: Simd>(
     simd: S,

@@ -1,10 +1,9 @@
 //! Symmetric matrices in double-double, and iterative refinement of linear systems.
 //!
-//! A Cholesky factor in `f64` leaves a relative error of about κ²·2⁻⁵³ (κ² is the condition number
-//! of the normal equations). Each correction from a double-double residual reduces it by that
-//! factor again (Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed., §12.1): for
-//! well-conditioned equations a tenth of the time of a factor in double-double, which is here for
-//! all others.
+//! A Cholesky factor in `f64` leaves a relative error of about κ²·2⁻⁵³ (κ² is the condition number of the normal
+//! equations). Each double-double residual reduces it by that factor again (Higham, Accuracy and Stability of
+//! Numerical Algorithms, 2nd ed., §12.1), in a tenth of the time of a double-double factor, which serves
+//! ill-conditioned equations.
 
 use faer::linalg::triangular_solve::{
     solve_lower_triangular_in_place, solve_upper_triangular_in_place,
@@ -19,21 +18,19 @@ use shell_data::vectorised;
 #[derive(Clone, Debug)]
 pub(crate) struct DoubleDoubleMatrix {
     size: usize,
-    /// The upper triangle, row by row.
     upper: Vec<DoubleDouble>,
 }
 
-/// The smallest relative pivot of the factor with which refinement is attempted.
+/// Smallest relative pivot for which refinement is attempted.
 const SMALLEST_PIVOT: f64 = 1.0 / (1u64 << 36) as f64;
-/// The largest accepted ratio of a correction to the previous one.
+/// Largest accepted ratio of a correction to the previous one.
 const SLOWEST: f64 = 1.0 / 1024.0;
 /// Corrections below this fraction of the solution are skipped.
 const DONE: f64 = 1.0 / (1u128 << 72) as f64;
 const MOST_ROUNDS: usize = 6;
 
 impl DoubleDoubleMatrix {
-    /// Builds the matrix from the upper triangle of integers, row by row. Each integer is divided
-    /// by two to the power of the exponent of its row plus that of its column.
+    /// Builds the matrix from the upper triangle of integers, row by row, over 2^(row exponent + column exponent).
     pub(crate) fn new(upper: impl Iterator<Item = i128>, exponents: &[i32]) -> Self {
         let size = exponents.len();
         let mut scaled = vec![DoubleDouble::ZERO; size * (size + 1) / 2];
@@ -89,7 +86,6 @@ impl DoubleDoubleMatrix {
             if !largest.is_finite() || largest > SLOWEST * before {
                 return None;
             }
-            // The next correction would be smaller by the same factor again.
             let gain = if before.is_finite() { largest / before } else { SLOWEST };
             if largest * gain < DONE {
                 return Some(x);
@@ -131,7 +127,6 @@ pub(crate) fn axis_row(of: impl Fn(usize) -> DoubleDouble) -> AxisRow {
     std::array::from_fn(|axis| if axis < 6 { of(axis) } else { DoubleDouble::ZERO })
 }
 
-/// A row with separate vectors of heads and tails, for use in loops.
 #[derive(Clone, Copy)]
 pub(crate) struct ElementLanes {
     heads: [f64; LANES],
@@ -165,8 +160,8 @@ impl ElementLanes {
     }
 }
 
-/// The upper triangle of a symmetric positive definite matrix, bordered by right-hand sides.
-/// [`factor`] replaces it with the Cholesky factor `R`, `A = RᵀR`, bordered by `R⁻ᵀB`.
+/// Upper triangle of a symmetric positive definite matrix, bordered by right-hand sides. [`factor`] replaces it with
+/// the Cholesky factor `R`, `A = RᵀR`, bordered by `R⁻ᵀB`.
 #[derive(Clone, Debug)]
 pub(crate) struct Bordered {
     pub(crate) size: usize,
@@ -199,8 +194,7 @@ impl Bordered {
 }
 
 vectorised! {
-    /// Factors the matrix in place, and leaves `D − BᵀA⁻¹B` in the corner. The error is the column
-    /// at which it is not positive definite.
+    /// Factors in place; leaves `D − BᵀA⁻¹B` in the corner. The error is the column that is not positive definite.
     pub(crate) fn factor(a: &mut Bordered) -> Result<(), usize> {
         let width = a.width;
         for k in 0..a.size {
@@ -238,7 +232,6 @@ vectorised! {
         Ok(())
     }
 
-    /// Solves `R·x = y` in place.
     pub(crate) fn solve_upper(factor: &Bordered, y: &mut [AxisRow]) {
         for k in (0..factor.size).rev() {
             let (rows, solved) = y.split_at_mut(k + 1);
@@ -250,7 +243,6 @@ vectorised! {
         }
     }
 
-    /// Solves `Rᵀ·y = b` in place.
     pub(crate) fn solve_lower(factor: &Bordered, b: &mut [AxisRow]) {
         for k in 0..factor.size {
             let (solved, rest) = b.split_at_mut(k + 1);

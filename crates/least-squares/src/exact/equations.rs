@@ -60,7 +60,7 @@ impl ExactSums {
         IntegerEquations::new(self, model, scales).solve(ridge, rank)
     }
 
-    /// Returns the terms of a model; an error if a product of them was not summed.
+    /// Returns the terms of a model, or an error if a product of them was not summed.
     pub(crate) fn summed_terms(&self, model: &Model) -> Result<Vec<Term>, FitError> {
         let terms = model.terms();
         let is_summed =
@@ -86,19 +86,19 @@ impl ExactSums {
         self.readings[self.layout.position(Term::product(&[channel]), Term::INTERCEPT)]
     }
 
-    /// The smallest exponent of a power of two such that no reading is farther from `centre`.
+    /// Smallest exponent of two such that no reading is farther from `centre`.
     pub(crate) fn reach(&self, channel: usize, centre: i64) -> i32 {
         let range = &self.channels[channel];
         let reach = (range.highest - centre).max(centre - range.lowest).max(1);
         (reach as u64).next_power_of_two().ilog2() as i32
     }
 
-    /// The variance of an axis over all rows, in N² or (N·m)²; NaN over zero rows.
+    /// N² or (N·m)²; NaN over zero rows.
     pub fn variance(&self, axis: Axis) -> f64 {
         self.total_square(axis.index()) / self.rows as f64
     }
 
-    /// The sum of squared deviations from the mean of an axis.
+    /// Sum of squared deviations from the mean.
     pub fn total_square(&self, axis: usize) -> f64 {
         let square = &self.squares[pair(axis, axis)];
         let sums = &self.wrench[axis];
@@ -112,11 +112,11 @@ impl ExactSums {
     }
 }
 
-/// The condition number above which the error of Cholesky, κ²·2⁻¹⁰⁴, may affect the last place of a
+/// Condition number above which the error of Cholesky, κ²·2⁻¹⁰⁴, may affect the last place of a
 /// coefficient a thousand times smaller than others.
 const REFINE_ABOVE: f64 = 1e5;
 
-/// The relative size of a correction that does not change the coefficients rounded to `f64`.
+/// Relative size of a correction that does not change the coefficients rounded to `f64`.
 const DONE: f64 = 1.0 / (1u64 << 60) as f64;
 
 pub(crate) struct IntegerEquations<'a> {
@@ -247,8 +247,7 @@ impl<'a> IntegerEquations<'a> {
         residual
     }
 
-    /// Returns for each axis the coefficients of the unscaled columns as integers, with the
-    /// exponent of the power of two that is their unit.
+    /// Coefficients of each axis for unscaled columns as integers, and the exponents of units.
     fn integers(&self, coefficients: &[AxisRow]) -> ([i32; 6], PerAxis<Vec<BigInt>>) {
         let mut units = [0; 6];
         let integers = std::array::from_fn(|axis| {
@@ -333,15 +332,14 @@ impl<'a> IntegerEquations<'a> {
     }
 }
 
-/// The sum of products of the 64-bit halves of integers with the digits of long integers. The
-/// partial sums stay below 2⁹⁶, so no carry is needed.
+/// Sum of products of 64-bit halves with the digits of long integers. Partial sums stay below 2⁹⁶:
+/// no carry is needed.
 fn product(values: &[i128], half: impl Fn(i128) -> i128, planes: &[Vec<i128>]) -> BigInt {
     let of_plane = |plane: &Vec<i128>| values.iter().zip(plane).map(|(&v, d)| half(v) * d).sum();
     let sums: Vec<i128> = planes.iter().map(of_plane).collect();
     join(sums.into_iter(), DIGIT_BITS)
 }
 
-/// Computes `WᵀW − CᵀB − CᵀPC`, the residual products of the solution of `(A + P)·C = B`.
 fn penalised_residuals(
     products: &[AxisRow],
     c: &[AxisRow],
@@ -361,8 +359,7 @@ fn penalised_residuals(
         .collect()
 }
 
-/// The condition number of a factor with its columns scaled to norm one, rounded to six digits.
-/// Further digits depend on the vector width of the processor.
+/// Condition number with columns of norm one, to six digits: others depend on vector width.
 fn condition(cholesky: &Bordered) -> f64 {
     let size = cholesky.size;
     let mut r = Mat::<f64>::zeros(size, size);

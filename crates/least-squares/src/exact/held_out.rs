@@ -1,24 +1,21 @@
 //! Fits without some of the rows, and their errors on those rows, from sums alone.
 //!
-//! Let `A = XᵀX`, `B = XᵀW`, `D = WᵀW` be the sums over all rows, and `A_g`, `B_g`, `D_g` those
-//! over a part. The fit without the part solves `(A − A_g)·C = B − B_g`, and its squared errors on
-//! the part are
+//! Let `A = XᵀX`, `B = XᵀW`, `D = WᵀW` over all rows, and `A_g`, `B_g`, `D_g` over a part. The fit without it solves
+//! `(A − A_g)·C = B − B_g`, and its squared errors on the part are
 //!
 //! ```text
 //! diag(D_g − 2·CᵀB_g + CᵀA_g·C)
 //! ```
 //!
-//! so no row is read again. `A − A_g` is computed in integers, relative to the mean of all rows, so
-//! it equals the sum over the other rows exactly. The rest is in double-double. By Cauchy's
-//! inequality the terms of the last formula are at most `t = (√D_g + Σ_j |C_j|·√A_g[j][j])²`, and
-//! its rounding error is below `p·2⁻⁹⁸·t` for p features: cancellation would have to cost 20 digits
-//! before the tenth digit was wrong.
+//! `A − A_g` is computed in integers, relative to the mean of all rows, so it equals the sum over the other rows
+//! exactly. The rest is in double-double. By Cauchy's inequality the terms of the last formula are at most
+//! `t = (√D_g + Σ_j |C_j|·√A_g[j][j])²`, and its rounding error is below `p·2⁻⁹⁸·t` for p features: cancellation would
+//! have to cost 20 digits before the tenth digit was wrong.
 //!
-//! For the [scatter](crate::sandwich) of coefficients over groups, `K_g` and `u_g` of a group come
-//! from `A_g` and the scores `s_g = B_g − A_g·C`, which cancel and are in double-double; the rest
-//! is in `f64`, with a relative error of about κ(X)²·2⁻⁵³ in a variance. For the prediction
-//! variance on other groups, with `T·Tᵀ` the covariance of the coefficients of an axis, they
-//! contribute `tr(TᵀA_gT)/n` to the mean variance over the rows of a group.
+//! For the [scatter](crate::sandwich) of coefficients over groups, `K_g` and `u_g` come from `A_g` and the scores
+//! `s_g = B_g − A_g·C`, which cancel and are in double-double; the rest is in `f64`, with a relative error of about
+//! κ(X)²·2⁻⁵³ in a variance. With the covariance `T·Tᵀ` of the coefficients, these contribute `tr(TᵀA_gT)/n` to the
+//! mean prediction variance over the rows of a group.
 
 use super::double_double_matrix::{
     AxisRow, DoubleDoubleMatrix, ElementLanes, LANES, axis_row, residual_of,
@@ -39,7 +36,6 @@ use crate::symmetric::{UpperTriangle, congruence, trace_of_congruence};
 use shell_data::vectorised;
 use shell_data::wrench::PerAxis;
 
-/// Sums over all rows, prepared for fits without parts of them.
 #[derive(Debug)]
 pub struct PartitionedSums<'a> {
     pub(crate) total: &'a ExactSums,
@@ -49,11 +45,8 @@ pub struct PartitionedSums<'a> {
 }
 
 impl<'a> PartitionedSums<'a> {
-    /// Prepares the rows of `total` for fits of `model`.
-    ///
     /// # Errors
-    /// [`FitError::OtherFeatures`] if the features of the model were not summed;
-    /// [`FitError::TooFewRows`] for zero rows.
+    /// [`FitError::OtherFeatures`] if features of the model were not summed; [`FitError::TooFewRows`] for zero rows.
     pub fn new(total: &'a ExactSums, model: &Model) -> Result<Self, FitError> {
         let scales = EquationScales::new(total, model)?;
         Ok(Self { total, model: *model, all: scales.part(total), scales })
@@ -64,9 +57,8 @@ impl<'a> PartitionedSums<'a> {
         self.scales.part(moments)
     }
 
-    /// Fits all rows except those of `moments`, whose converted sums are `part`, and returns the
-    /// errors on those rows. `ridge` is as in [`ExactSums::solve`], relative to the mean of all
-    /// rows.
+    /// Fits all rows except those of `moments`, whose converted sums are `part`, and returns the errors on those
+    /// rows. `ridge` is as in [`ExactSums::solve`], relative to the mean of all rows.
     ///
     /// # Errors
     /// [`FitError`] if the other rows do not determine the coefficients.
@@ -135,7 +127,7 @@ vectorised! {
 #[derive(Debug)]
 pub struct PartSums {
     pub(crate) rows: u64,
-    /// The upper triangle of the Gram matrix, row by row.
+    /// Upper triangle, row by row.
     pub(crate) gram: Vec<i128>,
     pub(crate) features: Vec<i128>,
     pub(crate) right: Vec<AxisRow>,
@@ -143,11 +135,11 @@ pub struct PartSums {
     pub(crate) squares: AxisRow,
 }
 
-/// The origin, and exponents of two for columns and axes; zero for an all-zero one.
+/// Origin, and exponents of two for columns and axes; zero for an all-zero one.
 #[derive(Clone, Debug)]
 pub(crate) struct EquationScales {
     pub(crate) terms: Vec<Term>,
-    /// The position of the product of each pair of terms among the sums of readings, row by row.
+    /// Positions of the products of pairs of terms among the sums of readings, row by row.
     pub(crate) positions: Vec<usize>,
     pub(crate) units: Vec<ReadingUnit>,
     pub(crate) centre: Vec<i64>,
@@ -156,8 +148,8 @@ pub(crate) struct EquationScales {
 }
 
 impl EquationScales {
-    /// Chooses the origin and the scales. With an intercept, the origin of each channel is its
-    /// rounded mean. The scales are powers of two just above the norms of columns and axes.
+    /// Chooses the origin, with an intercept the rounded mean of each channel, and as scales the powers of two just
+    /// above the norms.
     ///
     /// # Errors
     /// [`FitError`] if the features of `model` were not summed, or for zero rows.
@@ -193,7 +185,6 @@ impl EquationScales {
         Ok(Self { columns, axes, positions, units, centre, terms })
     }
 
-    /// The sums over a part of the rows, relative to this origin.
     pub(crate) fn part(&self, moments: &ExactSums) -> PartSums {
         let moments = moments.in_units(&self.units);
         let (readings, wrench) = moments.about(&self.centre);
@@ -255,12 +246,11 @@ impl EquationScales {
     }
 }
 
-/// A solution that can compute its errors on other sums.
 #[derive(Clone, Debug)]
 pub struct ExactFit {
-    /// The solution. Scales are powers of two; centres are zero without an intercept.
+    /// Scales are powers of two; centres are zero without an intercept.
     pub solution: Solution,
-    /// The coefficients in double-double: one row per feature, in N and N·m.
+    /// One row per feature, in N and N·m.
     pub coefficients: Vec<PerAxis<DoubleDouble>>,
     /// Scales of the equations, for readings counted in the units of the sums; axes in N and N·m.
     pub(crate) scales: EquationScales,
@@ -277,7 +267,6 @@ impl ExactFit {
         self.coefficients.iter().zip(&self.stretch).map(row).collect()
     }
 
-    /// The errors on the fitted rows, whose sums are `rows`.
     pub fn quality(&self, rows: &ExactSums) -> PerAxis<AxisQuality> {
         let errors = self.errors_on(rows);
         std::array::from_fn(|axis| errors[axis].quality(rows.total_square(axis)))
@@ -288,8 +277,7 @@ impl ExactFit {
         self.scales.errors(&self.scales.part(rows), &self.counted_coefficients())
     }
 
-    /// Scatter of the coefficients over `groups`, which together are all fitted rows, on request
-    /// with its degrees of freedom. Omits the bias from the ridge.
+    /// Scatter of the coefficients over `groups` that are all fitted rows, without the bias from the ridge.
     ///
     /// # Errors
     /// [`FitError`] if one group alone determines a coefficient, or all groups do not determine it.
@@ -326,15 +314,13 @@ impl ExactFit {
         sums.finish(&factor)
     }
 
-    /// The part of the prediction variance that comes from the coefficients with this `scatter`:
-    /// the mean over the rows of each group, in squares of N and N·m.
+    /// Mean prediction variance over the rows of each group from this `scatter`, squares of N and N·m.
     pub(crate) fn variances(
         &self,
         scatter: &GroupScatter,
         groups: &[(String, ExactSums)],
     ) -> Vec<PerAxis<f64>> {
         let stretch: Vec<f64> = self.stretch.iter().map(|s| s.to_f64()).collect();
-        // Each row belongs to a feature: convert from features of the fit to features of counted readings.
         let factors = scatter.factors.each_ref().map(|factor| {
             UpperTriangle::from_fn(factor.nrows(), |i, j| stretch[i] * factor[(i, j)])
         });

@@ -1,12 +1,9 @@
-//! Integers of any length times a common power of two, and conversions from and to double-double.
-
 use num_bigint::{BigInt, Sign};
 use num_traits::{Float, ToPrimitive, Zero};
 
 use crate::double_double::DoubleDouble;
 
-/// Integers times a common power of two, in lowest terms: at least one is odd, or all are zero and
-/// the exponent is 0.
+/// In lowest terms: at least one is odd, or all are zero and the exponent is 0.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ScaledIntegers {
     pub(crate) exponent: i32,
@@ -80,7 +77,6 @@ pub(crate) fn digit_planes(values: &[BigInt]) -> Vec<Vec<i128>> {
     planes
 }
 
-/// Integers as digits, joined only where a value is needed.
 pub(crate) struct DigitPlanes(pub(crate) Vec<Vec<i128>>);
 
 impl DigitPlanes {
@@ -102,7 +98,6 @@ impl DigitPlanes {
     }
 }
 
-/// The result of [`join`], if it fits in 128 bits.
 fn narrow(parts: impl DoubleEndedIterator<Item = i128>, width: u32) -> Option<i128> {
     parts
         .rev()
@@ -127,8 +122,7 @@ pub(crate) fn power_of_two(exponent: i32) -> f64 {
 /// Rounds an integer below 2¹²⁶ to a double-double; exact up to 2¹⁰⁶.
 #[inline(always)]
 pub(crate) fn round(value: i128) -> DoubleDouble {
-    /// Bits per digit. These digits, and the highest with at most 47 bits, are exact in `f64`. A
-    /// head and a tail hold the sum of two neighbouring digits exactly.
+    /// Bits per digit. Digits, the highest with at most 47 bits, are exact in `f64`; head and tail hold two.
     const BITS: u32 = 40;
     const MASK: u64 = (1 << BITS) - 1;
     let low = (value as u64 & MASK) as i64;
@@ -147,7 +141,7 @@ pub(crate) fn round_scaled(value: &BigInt, exponent: i32) -> DoubleDouble {
     if value.bits() <= EXACT_BITS {
         return shifted(round(value.to_i128().expect("fewer than 128 bits")), exponent);
     }
-    /// The number of leading bits that affect the result.
+    /// Leading bits that affect the result.
     const BITS: u64 = 240;
     let cut = value.bits().saturating_sub(BITS);
     let (value, exponent) = match cut {

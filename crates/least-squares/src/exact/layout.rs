@@ -1,10 +1,9 @@
 //! The distinct sums of products that a basis needs.
 //!
-//! The Gram matrix of products of readings contains many sums several times: `s1·(s2·s3)` and
-//! `s2·(s1·s3)` are the same monomial. Sort the factors of a monomial `s_a·s_b·…` of up to twice
-//! the largest degree d, pad them in front with ones to 2d factors, and split them in the middle:
-//! the left part ends with some channel k, the right part begins with k or later, and the split is
-//! unique. So the distinct sums are a few dense blocks of products
+//! The Gram matrix of products of readings contains sums several times: `s1·(s2·s3)` and `s2·(s1·s3)` are the same
+//! monomial. Sort the factors of a monomial `s_a·s_b·…` of up to twice the largest degree d, pad them in front with
+//! ones to 2d factors, and split them in the middle: the left part ends with some channel k, the right begins with k
+//! or later, and the split is unique. So the distinct sums are a few dense blocks of products
 //!
 //! ```text
 //! {features whose last factor is k} × {features of degree d whose first factor is k or later}
@@ -22,12 +21,12 @@ use super::integers::{DigitPlanes, digit_planes};
 use crate::features::{Recipe, recipe};
 use crate::model::{Basis, Model, Term};
 
-/// The largest degree of a product of two features.
+/// Largest degree of a product of two features.
 const MAX_DEGREE: usize = 6;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct Monomial {
-    /// Channels in ascending order, counted from 1, padded in front with zeros for the empty factor.
+    /// Channels in ascending order from 1, padded in front with zeros for the empty factor.
     factors: [u8; MAX_DEGREE],
 }
 
@@ -48,7 +47,6 @@ impl Monomial {
         self.factors.iter().filter(|&&f| usize::from(f) == channel + 1).count()
     }
 
-    /// Removes one factor `channel`, which the monomial must contain.
     fn without(&self, channel: usize) -> Self {
         let mut factors = self.factors;
         if let Some(slot) = factors.iter_mut().find(|f| usize::from(**f) == channel + 1) {
@@ -65,7 +63,7 @@ pub(crate) struct ProductGroup {
     pub(crate) right: Range<usize>,
 }
 
-/// The update `value[of] −= shift·value[from]`, one step of moving the origin of a channel.
+/// The update `value[of] −= shift·value[from]` for the origin of a channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct ShiftStep {
     of: usize,
@@ -73,17 +71,16 @@ pub(crate) struct ShiftStep {
     exponent: usize,
 }
 
-/// The order of the sums of monomials: one (the number of rows), the features, then the products of
-/// each group, left by left.
+/// Order of the sums of monomials: one (the number of rows), features, then each group's products, left by left.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct SumLayout {
-    /// The features without the constant, in the order of the model.
+    /// Without the constant, in the order of the model.
     pub(crate) features: Vec<Term>,
     pub(crate) recipe: Vec<Recipe>,
     pub(crate) groups: Vec<ProductGroup>,
     monomials: Vec<Monomial>,
     index: HashMap<Monomial, usize>,
-    /// For each channel, the steps for all sums, and those for one and the features only.
+    /// Steps of each channel, for all sums and for one and the features only.
     steps: Vec<(Vec<ShiftStep>, Vec<ShiftStep>)>,
 }
 
@@ -115,7 +112,7 @@ impl SumLayout {
         Self { recipe: recipe(&features), features, groups, monomials, index, steps }
     }
 
-    /// Number of distinct sums, including the number of rows.
+    /// Includes the number of rows.
     pub(crate) fn sums(&self) -> usize {
         self.monomials.len()
     }
@@ -132,7 +129,6 @@ impl SumLayout {
         self.index[&Monomial::product(left, right)]
     }
 
-    /// The exponent of `channel` in every monomial.
     pub(crate) fn exponents(&self, channel: usize) -> impl Iterator<Item = usize> {
         self.monomials.iter().map(move |m| m.exponent(channel))
     }
@@ -144,17 +140,15 @@ impl SumLayout {
         }
     }
 
-    /// Moves the origin of every channel by `by` in the sums of one axis of the wrench (or of one
-    /// digit of it) times one and times each feature.
+    /// Moves the origin of every channel by `by` in sums of an axis, or a digit of it, times one and each feature.
     pub(crate) fn move_features(&self, sums: &mut [i128], by: &[i64]) {
         for ((_, steps), &by) in self.steps.iter().zip(by) {
             shift(sums, steps, by);
         }
     }
 
-    /// Moves the origin of every channel by `by`, below 2¹⁶, in sums of one and the features times
-    /// some other quantity. Each digit is moved alone, multiplied by less than `(1 + 2¹⁶)³`: no
-    /// carry is needed.
+    /// Moves the origin of every channel by `by`, below 2¹⁶, in sums of one and the features times some quantity.
+    /// Each digit moves alone, multiplied by less than `(1 + 2¹⁶)³`: no carry is needed.
     pub(crate) fn moved_features(&self, sums: &[BigInt], by: &[i64]) -> DigitPlanes {
         let mut planes = digit_planes(sums);
         planes.iter_mut().for_each(|plane| self.move_features(plane, by));
@@ -181,9 +175,8 @@ fn steps(
     steps
 }
 
-/// Converts sums of products with powers of a reading `s` to powers of `s − by`, by repeated
-/// synthetic division: the n-th pass turns `sᵃ⁻ⁿ⁺¹·(s − by)ⁿ⁻¹` into `sᵃ⁻ⁿ·(s − by)ⁿ`, highest
-/// powers first.
+/// Converts sums with powers of a reading `s` to powers of `s − by`, by repeated synthetic division: the n-th pass
+/// turns `sᵃ⁻ⁿ⁺¹·(s − by)ⁿ⁻¹` into `sᵃ⁻ⁿ·(s − by)ⁿ`, highest powers first.
 fn shift(values: &mut [i128], steps: &[ShiftStep], by: i64) {
     let highest = if by == 0 { 0 } else { steps.first().map_or(0, |step| step.exponent) };
     for pass in 1..=highest {
@@ -207,14 +200,13 @@ fn powers(channels: usize) -> Vec<ProductGroup> {
         .collect()
 }
 
-/// The blocks for powers up to the third of each channel and products of two channels. They are the
-/// blocks of [`powers`] without the products of two channels, which are features here, and the
-/// products of those features with powers and with each other.
+/// Blocks for powers up to the third of each channel and products of two channels: those of [`powers`] but the
+/// products, which are features here, and the products of these with powers and with each other.
 fn powers_and_products(channels: usize) -> Vec<ProductGroup> {
     let n = channels;
     let power = |channel: usize, exponent: usize| 3 * channel + exponent - 1;
-    // The feature of channels j < k. These follow the powers in lexicographic order; channel j has
-    // `pair(j, j + 1)..pair(j + 1, j + 2)`.
+    // Position of the feature of channels j < k, after the powers, lexicographic; channel j has `pair(j, j +
+    // 1)..pair(j + 1, j + 2)`.
     let pair = |j: usize, k: usize| 3 * n + j * (2 * n - j - 1) / 2 + k - j - 1;
     let end = pair(n, n + 1);
     let mut groups = Vec::new();
@@ -229,8 +221,7 @@ fn powers_and_products(channels: usize) -> Vec<ProductGroup> {
         add(vec![cube], first..cube + 1);
         add(vec![square, cube], cube + 1..3 * n);
         (i + 1..n).for_each(|j| add(vec![first], power(j, 2)..power(j, 3) + 1));
-        // First the pairs that begin with this channel, then later pairs, then pairs that begin
-        // with an earlier channel.
+        // Pairs that begin with this channel, then later pairs, then pairs that begin earlier.
         add(vec![cube], pair(i, i + 1)..later_pairs.start);
         add(vec![first, square, cube], later_pairs.clone());
         for j in 0..i {

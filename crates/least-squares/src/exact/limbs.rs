@@ -1,23 +1,22 @@
 //! Numbers cut into small integers, so that sums of their products are exact.
 //!
-//! A number is a sum of limbs, `Σ limb_i·2^(unit + width·i)`, each an integer of at most
-//! `2^(width−1)` in magnitude. A sum of products of two integers over a block of rows is exact in
-//! `f64` if
+//! A number is `Σ limb_i·2^(unit + width·i)`, each limb an integer of at most `2^(width−1)` in
+//! magnitude. A sum of products of two integers over a block of rows is exact in `f64` if
 //!
 //! ```text
 //! 2^(width−1) · largest right operand · ROWS ≤ 2⁵³
 //! ```
 //!
-//! The cheaper of two ways to ensure that is used: whole right operands and left operands in limbs
-//! that are narrow enough for them, or all operands and the wrench in limbs of one width.
+//! by the cheaper of two ways: whole right operands and left limbs narrow enough for them, or limbs
+//! of one width for all operands and the wrench.
 
 use num_traits::Float;
 
 use super::integers::power_of_two;
 use super::layout::SumLayout;
 
-/// Rows in a block: enough that adding up the lanes of a vector costs little compared with the
-/// products, and few enough that the 164 features of degree three fit in a cache of 512 kB.
+/// Rows in a block: enough that adding up vector lanes costs little, few enough that the 164
+/// features of degree three fit in a cache of 512 kB.
 pub(crate) const ROWS: usize = 256;
 
 /// Bits available to a product: those of an exact sum less those that a block of rows needs.
@@ -26,7 +25,7 @@ const BITS: u32 = f64::MANTISSA_DIGITS - ROWS.ilog2();
 /// Width of the wrench limbs that are multiplied with each other: `2·(WIDTH − 1) ≤ BITS`.
 pub(crate) const SQUARE_WIDTH: u32 = BITS / 2 + 1;
 
-/// The largest distance between a reading and its centre: half the range of 16 bits.
+/// Largest distance between a reading and its centre: half the range of 16 bits.
 pub(crate) const MAX_DISTANCE: u32 = 1 << 15;
 
 /// A way to cut features: width of the limbs, and number of limbs by degree from 0 to 3.
@@ -39,7 +38,7 @@ pub(crate) struct Cut {
 /// A way to multiply the features of readings within some distance of their centres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct FeatureLimbs {
-    /// The largest supported distance between a reading and its centre.
+    /// Largest supported distance between a reading and its centre.
     pub(crate) largest: u32,
     pub(crate) left: Cut,
     pub(crate) right: Cut,
@@ -48,8 +47,8 @@ pub(crate) struct FeatureLimbs {
 }
 
 impl FeatureLimbs {
-    /// Chooses the cheapest way for distances up to `distance` and a wrench with these places. Adds
-    /// room for a quarter more where that costs nothing.
+    /// Chooses the cheapest way for distances up to `distance` and these places, with free room for
+    /// a quarter more.
     pub(crate) fn new(distance: u32, layout: &SumLayout, wrench: &[BinaryPlaces]) -> Self {
         let cheapest = |distance: u32| {
             let distance = distance.clamp(1, MAX_DISTANCE);
@@ -156,12 +155,11 @@ impl BinaryPlaces {
         Self { low: self.low.min(other.low), high: self.high.max(other.high) }
     }
 
-    /// Limbs of the given width that cover these places; `None` if there are too many places. Spare
-    /// places of the limbs are distributed: one or two above, for larger loads, and the rest below,
-    /// because the last place of a number near zero is far below the last places of other numbers.
+    /// Limbs of the given width that cover these places; `None` for too many places. Spare places
+    /// go above, one or two for larger loads, and below, where the last place of a number near zero
+    /// is far down.
     pub(crate) fn limbs(self, width: u32) -> Option<Limbs> {
-        /// Most places: more would be slower than other solvers and need more exponents than `f64`
-        /// has.
+        /// Most places: more are slower than other solvers and need more exponents than `f64` has.
         const MOST_PLACES: i32 = 256;
         const LOWEST_UNIT: i32 = -960;
         if self.low > self.high {
@@ -193,8 +191,7 @@ impl Limbs {
         Self { unit: 0, width, count }
     }
 
-    /// Cuts a column into `count` columns, lowest limb first. Returns true if the limbs add up to
-    /// the numbers.
+    /// Cuts a column into `count` columns, lowest limb first. Returns true if these add up to it.
     #[inline(always)]
     pub(crate) fn cut(self, column: &[f64], out: &mut [f64]) -> bool {
         let Limbs { unit, width, count } = self;

@@ -3,14 +3,12 @@
 //! Readings are integers of at most 16 bits, and features are products of up to three, so every
 //! element of the normal equations `XᵀX·C = XᵀW` is an integer times a power of two. An
 //! [`Accumulator`] sums them exactly, with vector arithmetic on small integers; the [`ExactSums`]
-//! do not depend on the order and grouping of the rows. [`ExactSums::solve`] moves the origin of
-//! every channel to its mean, still exactly, and solves in double-double, whose extra digits
-//! replace those that forming `XᵀX` can cost. Rank is decided by integer arithmetic, not by a
-//! tolerance.
+//! do not depend on the order of the rows. [`ExactSums::solve`] moves the origin of every channel
+//! to its mean, still exactly, and solves in double-double, whose extra digits replace those that
+//! forming `XᵀX` can cost. Integer arithmetic decides the rank, not a tolerance.
 //!
-//! Readings with fractions finer than 1/256 that are not short decimals, and wrenches whose
-//! magnitudes on an axis span more than 250 binary places, give an [`ExactError`]: use another
-//! solver.
+//! Readings with fractions finer than 1/256 that are not short decimals, and wrenches that span
+//! more than 250 binary places on an axis, give an [`ExactError`]: use another solver.
 
 mod accumulator;
 mod block_sums;

@@ -1,5 +1,4 @@
-//! Plan of a summation (centre, limbs, columns to multiply), the sums in progress, and their
-//! conversion.
+//! Plan of a summation (centre, limbs, columns to multiply), and the sums in progress.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -12,20 +11,18 @@ use super::limbs::{FeatureLimbs, Limbs, SQUARE_WIDTH};
 use super::product_sums::ExactSums;
 use crate::model::Basis;
 
-/// A centre and limbs, and the resulting columns for a block of rows. Columns of features: the
-/// right operands (ones, then the features), then, group by group, the left operands that are not
-/// among the right ones. Columns of the wrench: the limbs that are multiplied with each other, axis
-/// by axis, then the limbs for features only, then ones.
+/// Centre, limbs, and columns for a block of rows. Features: the right operands (ones, then the
+/// features), then, group by group, the left operands that are not among these. Wrench: the limbs
+/// that are multiplied with each other, axis by axis, then the limbs for features only, then ones.
 #[derive(Debug, PartialEq)]
 pub(crate) struct SummationPlan {
-    /// The offset that is subtracted from the readings of each channel.
     pub(crate) centre: Vec<i64>,
     pub(crate) features: FeatureLimbs,
-    /// The column of the first right operand of each feature, and the end of all right operands.
+    /// First right operand of each feature, and the end of all.
     pub(crate) firsts: Vec<usize>,
-    /// The right operands: ones, then the limbs of the features.
+    /// Ones, then the limbs of the features.
     pub(crate) rights: Vec<LimbColumn>,
-    /// Products by group of the layout, each with the left operands that are not right operands.
+    /// Left operands that are not right operands, and products, by group of the layout.
     pub(crate) groups: Vec<(Vec<LimbColumn>, Operands)>,
     /// Limbs of each axis that are multiplied with limbs of other axes.
     pub(crate) squares: Vec<Limbs>,
@@ -33,8 +30,7 @@ pub(crate) struct SummationPlan {
     pub(crate) cross: Option<Vec<Limbs>>,
 }
 
-/// A column of ones, or a limb of a feature. A feature is the sum of its limbs times two to the
-/// power of their shifts.
+/// Column of ones, or limb of a feature, which is the sum of its limbs times 2^shift.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct LimbColumn {
     /// The position in the layout of the sums: 0 for ones, then the features.
@@ -42,7 +38,6 @@ pub(crate) struct LimbColumn {
     pub(crate) shift: u32,
 }
 
-/// Columns to multiply, each on the left with each on the right.
 #[derive(Debug, PartialEq)]
 pub(crate) struct Operands {
     pub(crate) left: Vec<usize>,
@@ -91,7 +86,7 @@ impl SummationPlan {
         self.squares.iter().map(|limbs| limbs.count).sum()
     }
 
-    /// Columns that are multiplied with features: limbs axis by axis, then ones.
+    /// Columns multiplied with features: limbs axis by axis, then ones.
     pub(crate) fn cross_columns(&self) -> Range<usize> {
         let squares = self.square_columns();
         let others = self.cross.iter().flatten().map(|limbs| limbs.count).sum::<usize>();
@@ -122,8 +117,7 @@ impl SummationPlan {
     }
 }
 
-/// The number of blocks after which the pairs of sums could become inexact: `2^25·2^26 < 2^53`, and
-/// multiples of 2²⁶ below `2^53·2^26`.
+/// Blocks for exact pairs of sums: `2^25·2^26 < 2^53`, and multiples of 2²⁶ below `2^53·2^26`.
 pub(crate) const MOST_BLOCKS: u64 = 1 << 26;
 
 /// Sums in progress: a pair of numbers for each product of columns.
@@ -132,8 +126,8 @@ pub(crate) struct OpenSums {
     pub(crate) plan: Arc<SummationPlan>,
     pub(crate) rows: u64,
     pub(crate) blocks: u64,
-    /// The part of each sum that is a multiple of 2²⁶. The order is: the groups; then wrench limbs
-    /// and ones with ones and features; then wrench limbs with each other.
+    /// Multiples of 2²⁶. Order: the groups; wrench limbs and ones with ones and features; wrench
+    /// limbs with each other.
     pub(crate) high: Vec<f64>,
     pub(crate) low: Vec<f64>,
 }
@@ -156,8 +150,8 @@ impl OpenSums {
             }
         };
         let back: Vec<i64> = self.plan.centre.iter().map(|c| -c).collect();
-        // For each axis, limb by limb. 128 bits hold each sum for any origin: there are at most 2³⁰
-        // rows, a feature is below 2⁴⁸ and a limb below 2²³.
+        // Limb by limb. 128 bits hold each sum for any origin: at most 2³⁰ rows, features below 2⁴⁸
+        // and limbs below 2²³.
         let planes = |limbs: &Limbs| {
             let mut planes = vec![vec![0; 1 + layout.features.len()]; limbs.count];
             for plane in &mut planes {

@@ -1,5 +1,3 @@
-//! Exact sums over rows, in a form that does not depend on how they were computed.
-
 use std::borrow::Cow;
 use std::sync::Arc;
 
@@ -13,29 +11,27 @@ use crate::model::Basis;
 use crate::reading_ranges::{ReadingRange, ReadingRanges};
 use shell_data::wrench::PerAxis;
 
-/// Exact sums over rows of products of readings and wrench: everything that a least-squares fit of
-/// a basis, or of a smaller one within it, needs. Equal rows give equal sums, however they were
-/// ordered, split and merged.
+/// Exact sums over rows of products of readings and wrench, enough for a fit of a basis or of a
+/// smaller one within it. Equal rows give equal sums, however they were ordered, split and merged.
 ///
-/// Sums are relative to the origin of the readings, modulo 2¹²⁸. They fit, as do results of
-/// arithmetic on the way: with at most [`MAX_ROWS`] rows and readings below 2¹⁶, a sum is below
-/// 2³⁰·2⁹⁶ = 2¹²⁶.
+/// Sums are relative to the origin of the readings, modulo 2¹²⁸, which arithmetic on the way does
+/// not exceed: with at most [`MAX_ROWS`] rows and readings below 2¹⁶, a sum is below 2³⁰·2⁹⁶ =
+/// 2¹²⁶.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExactSums {
     pub(crate) basis: Basis,
     pub(crate) layout: Arc<SumLayout>,
     pub(crate) rows: u64,
     pub(crate) channels: Vec<ChannelRange>,
-    /// Sums of monomials of the scaled readings, in the order of the layout.
+    /// Monomials of the scaled readings, in the order of the layout.
     pub(crate) readings: Vec<i128>,
-    /// For each axis, sums of the wrench times one and times each feature.
+    /// Wrench times one and times each feature, for each axis.
     pub(crate) wrench: [ScaledIntegers; 6],
-    /// Sums of products of two axes: Fx·Fx, Fx·Fy, …, Mz·Mz.
+    /// Two axes: Fx·Fx, Fx·Fy, …, Mz·Mz.
     pub(crate) squares: Vec<ScaledIntegers>,
 }
 
 impl ExactSums {
-    /// The sums over zero rows.
     pub fn new(basis: Basis, channels: usize) -> Self {
         Self::with_layout(basis, Arc::new(SumLayout::new(basis, channels)))
     }
@@ -52,22 +48,20 @@ impl ExactSums {
         }
     }
 
-    /// Number of rows.
     pub fn rows(&self) -> u64 {
         self.rows
     }
 
-    /// The largest basis that can be fitted.
+    /// Largest basis that can be fitted.
     pub fn basis(&self) -> Basis {
         self.basis
     }
 
-    /// Number of channels.
     pub fn channels(&self) -> usize {
         self.channels.len()
     }
 
-    /// The number of rows and the range of each channel, as far as the sums contain them.
+    /// Number of rows and range of each channel, as far as the sums contain them.
     pub fn reading_ranges(&self) -> ReadingRanges {
         let mut ranges = ReadingRanges::new(self.channels.len());
         ranges.rows = self.rows;
@@ -82,11 +76,10 @@ impl ExactSums {
         ranges
     }
 
-    /// Adds the rows of `other`. They must be different rows of the same channels and basis.
+    /// Adds the rows of `other`, which must be different rows of the same channels and basis.
     ///
     /// # Errors
-    /// [`ExactError`] if the total has too many rows or spans too wide a range; `self` is then
-    /// unchanged.
+    /// [`ExactError`] if the total has too many rows or too wide a range; `self` is then unchanged.
     ///
     /// # Panics
     /// If basis or number of channels differ.
@@ -150,7 +143,7 @@ impl ExactSums {
         self.channels.iter().map(|channel| channel.unit).collect()
     }
 
-    /// These sums with readings in the given units, which must be the same or finer.
+    /// Sums in the given units, which must be the same or finer.
     pub(crate) fn in_units(&self, units: &[ReadingUnit]) -> Cow<'_, ExactSums> {
         if self.units() == units {
             return Cow::Borrowed(self);
@@ -188,7 +181,7 @@ impl ExactSums {
         (self.readings_about(origin), self.wrench.each_ref().map(moved))
     }
 
-    /// The sums of readings with the origin of each channel moved to `origin`.
+    /// Sums of readings with the origin of each channel moved to `origin`.
     pub(crate) fn readings_about(&self, origin: &[i64]) -> Vec<i128> {
         let mut readings = self.readings.clone();
         self.layout.move_origin(&mut readings, origin);

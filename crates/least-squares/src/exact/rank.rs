@@ -1,7 +1,6 @@
-//! Linear dependence of features, decided in exact integers by symmetric elimination modulo the
-//! prime 2⁶¹ − 1. A minor that is nonzero modulo a prime is nonzero, so the pivots prove rank. A
-//! pivot that is zero modulo the prime is zero but for a probability near 2⁻⁶¹; the resulting
-//! relations are checked in exact integers.
+//! Linear dependence of features, decided by symmetric elimination modulo the prime 2⁶¹ − 1. A
+//! minor that is nonzero modulo a prime is nonzero, so the pivots prove rank. A pivot of zero is
+//! zero but for a probability near 2⁻⁶¹; the resulting relations are checked in exact integers.
 
 use num_bigint::BigInt;
 use num_traits::Zero;
@@ -11,9 +10,9 @@ use super::product_sums::ExactSums;
 use crate::model::Term;
 use crate::rank_loss::{RankLoss, Relation};
 
-/// The loss of rank; `None` if the features are independent, which is certain. Dependence is
-/// certain where its relation is [`Relation::exact`], and otherwise wrong with a probability near
-/// 2⁻⁶¹ per feature.
+/// Loss of rank; `None` if the features are independent, which is certain. Dependence is certain
+/// where its relation is [`Relation::exact`], and otherwise wrong with a probability near 2⁻⁶¹ per
+/// feature.
 pub(crate) fn rank_loss(moments: &ExactSums, scales: &EquationScales) -> Option<RankLoss> {
     let EquationScales { terms: model_terms, positions, .. } = scales;
     let size = model_terms.len();
@@ -88,7 +87,6 @@ fn divides(term: Term, multiple: Term) -> bool {
 
 pub(crate) const PRIME: u64 = (1 << 61) - 1;
 
-/// Reduces a signed number modulo the prime.
 pub(crate) fn residue(value: i128) -> u64 {
     value.rem_euclid(i128::from(PRIME)) as u64
 }
@@ -109,7 +107,7 @@ fn negative(a: u64) -> u64 {
     if a == 0 { 0 } else { PRIME - a }
 }
 
-/// The inverse by Fermat's little theorem: `a^(p − 2)`.
+/// Fermat's little theorem: `a^(p − 2)`.
 fn inverse(a: u64) -> u64 {
     let (mut power, mut result, mut exponent) = (a, 1, PRIME - 2);
     while exponent > 0 {
@@ -125,15 +123,15 @@ fn inverse(a: u64) -> u64 {
 /// The factorisation `A = Uᵀ·D⁻¹·U` of a symmetric matrix, with dependent columns left out.
 pub(crate) struct Elimination {
     size: usize,
-    /// Rows of `U`, upper triangular; rows of dependent columns are zero.
+    /// Upper triangular; rows of dependent columns are zero.
     rows: Vec<u64>,
-    /// Inverses of the diagonal, zero for dependent columns.
+    /// Zero for dependent columns.
     inverses: Vec<u64>,
 }
 
 impl Elimination {
-    /// Eliminates a symmetric matrix given by its rows. Columns keep their order, so a column
-    /// counts as dependent if it depends on earlier columns.
+    /// Eliminates a symmetric matrix given by its rows. Columns keep their order: a column counts as
+    /// dependent if it depends on earlier ones.
     pub(crate) fn new(size: usize, mut rows: Vec<u64>) -> Self {
         let mut inverses = vec![0; size];
         let mut sums = vec![0u128; size];
@@ -174,7 +172,7 @@ impl Elimination {
         (0..self.size).filter(|&j| self.inverses[j] == 0).collect()
     }
 
-    /// The coefficients that combine the independent columns before `j` into column `j`.
+    /// Coefficients that combine the independent columns before `j` into column `j`.
     pub(crate) fn combination(&self, j: usize) -> Vec<u64> {
         let mut shares = vec![0; j];
         for i in (0..j).rev() {
@@ -189,8 +187,8 @@ impl Elimination {
     }
 }
 
-/// Finds the fraction `n/d`, `|n| < 2³⁹`, `0 < d < 2²⁰`, that equals `value` modulo the prime. It
-/// is unique if it exists. Uses Euclid's algorithm stopped half way (Wang, SYMSAC 1981).
+/// Finds the unique fraction `n/d`, `|n| < 2³⁹`, `0 < d < 2²⁰`, that equals `value` modulo the
+/// prime, if any, by Euclid's algorithm stopped half way (Wang, SYMSAC 1981).
 pub(crate) fn fraction(value: u64) -> Option<(i64, i64)> {
     const NUMERATOR: i64 = 1 << 39;
     const DENOMINATOR: i64 = 1 << 20;

@@ -1,16 +1,15 @@
 //! The unit in which the readings of a channel are integers, and their range. A finite binary or
-//! decimal fraction is an integer over `2^twos·5^fives`; a channel's common unit is the same in any
-//! order of rows: averages of sixteen conversions count in sixteenths, decimals in tenths or
-//! hundredths.
+//! decimal fraction is an integer over `2^twos·5^fives`; the common unit is the same in any order
+//! of rows: averages of sixteen conversions count in sixteenths, decimals in tenths or hundredths.
 
 use shell_data::vectorised;
 
 /// The fraction of a count that all readings are multiples of: 2⁻ᵏ·5⁻ᵐ counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct ReadingUnit {
-    /// The exponent k of two.
+    /// Exponent k of two.
     pub twos: u32,
-    /// The exponent m of five.
+    /// Exponent m of five.
     pub fives: u32,
 }
 
@@ -28,12 +27,11 @@ impl ReadingUnit {
         other.per_count() / self.per_count()
     }
 
-    /// The coarsest unit that divides both.
     pub(crate) fn and(self, other: Self) -> Self {
         Self { twos: self.twos.max(other.twos), fives: self.fives.max(other.fives) }
     }
 
-    /// The exponent of the power of two nearest to the number of units in a count.
+    /// Exponent of the power of two nearest to the number of units in a count.
     pub(crate) fn nearest_power(self) -> i32 {
         f64::from(self.per_count()).log2().round() as i32
     }
@@ -72,14 +70,13 @@ pub(crate) fn count(column: &[f64], unit: ReadingUnit, out: &mut [f64]) {
     }
 }
 
-/// The unit and the range of the readings of a channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct ChannelRange {
-    /// The unit; readings are integer multiples of it.
+    /// Readings are integer multiples of it.
     pub unit: ReadingUnit,
-    /// The smallest reading, in units.
+    /// In units.
     pub lowest: i64,
-    /// The largest reading, in units; below `lowest` for zero rows.
+    /// In units; below `lowest` for zero rows.
     pub highest: i64,
 }
 
@@ -118,8 +115,7 @@ impl ChannelRange {
     }
 }
 
-/// The range of a column, in a unit that suits it and `known`; or a reading that is not an integer
-/// of 16 bits.
+/// Range of a column, in a unit for it and `known`; or a reading that is no 16-bit integer.
 pub(crate) fn scan_column(column: &[f64], known: ReadingUnit) -> Result<ChannelRange, f64> {
     if known == ReadingUnit::COUNT {
         let (lowest, highest, integers) = scan_integers(column);
@@ -152,7 +148,7 @@ fn fits(count: f64) -> bool {
 }
 
 vectorised! {
-    /// Returns the smallest and the largest value, and true if all are integers.
+    /// Smallest and largest value; true if all are integers.
     fn scan_integers(column: &[f64]) -> (f64, f64, bool) {
         /// Adding and subtracting this constant rounds to an integer.
         const ROUND: f64 = 1.5 * (1u64 << 52) as f64;

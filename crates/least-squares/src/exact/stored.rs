@@ -1,6 +1,6 @@
-//! File format of exact sums. They are checked for consistency, that is, some rows can produce
-//! them: a changed digit could make a fit wrong or its equations unsolvable. The check cannot find
-//! every change, but rejects all that violate an assumption of later arithmetic.
+//! File format of exact sums, checked for consistency, because a changed digit could make a fit
+//! wrong or its equations unsolvable. The check rejects all that violates an assumption of later
+//! arithmetic.
 
 use num_bigint::{BigInt, Sign};
 use serde::de::Error;
@@ -18,26 +18,21 @@ use shell_data::wrench::{Axes, Axis};
 /// [`ExactSums`] in file form, with decimal strings for integers too large for JSON readers.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct StoredSums {
-    /// The features that were summed.
     pub basis: Basis,
-    /// Rows.
     pub rows: u64,
-    /// The range of each channel.
     pub channels: Vec<ChannelRange>,
-    /// Sums of products of readings, one per distinct product.
+    /// Products of readings, one per distinct product.
     pub readings: Vec<String>,
-    /// Sums of products of readings and one axis of the wrench, for each axis present.
+    /// Products of readings and one axis of the wrench, for each axis present.
     pub wrench: Vec<StoredIntegers>,
-    /// Sums of products of two axes of the wrench, for each pair of axes present.
+    /// Products of two axes, for each pair of axes present.
     pub squares: Vec<StoredIntegers>,
 }
 
-/// Integers times a power of two.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct StoredIntegers {
-    /// The exponent of two.
     pub exponent: i32,
-    /// The integers, in decimal.
+    /// In decimal.
     pub values: Vec<String>,
 }
 
@@ -52,7 +47,7 @@ fn of_digits(text: &str) -> Result<&str, String> {
     }
 }
 
-/// The positions of the pairs of some axes among the pairs of all axes, in the same order.
+/// Positions of the pairs of some axes among all pairs.
 fn pairs(axes: Axes) -> Vec<usize> {
     let of = |first: Axis| {
         let others = axes.iter().filter(move |second| second.index() >= first.index());
@@ -160,8 +155,7 @@ impl<'de> Deserialize<'de> for ExactSums {
 }
 
 impl ExactSums {
-    /// Returns true if these can be the sums of some of the rows of `whole`. If not, subtracting
-    /// them would leave sums that no rows have.
+    /// Returns true if subtracting these from `whole` leaves sums that rows can have.
     pub fn can_be_part_of(&self, whole: &ExactSums) -> bool {
         let within = |(part, whole): (&ChannelRange, &ChannelRange)| {
             let mut both = *whole;
@@ -198,7 +192,6 @@ impl ExactSums {
         {
             return Err(format!("the sum of readings {i} is larger than the ranges allow"));
         }
-        // Relative to the mean, as for a fit.
         let centre: Vec<i64> = (0..self.channels.len()).map(|i| self.rounded_mean(i)).collect();
         let centred = self.readings_about(&centre);
         let is_negative = |&term: &_| centred[self.layout.position(term, term)] < 0;
@@ -214,7 +207,6 @@ impl ExactSums {
         Ok(())
     }
 
-    /// The largest possible magnitude of each sum of readings, from the ranges of the channels.
     fn bounds(&self) -> Vec<f64> {
         let mut bounds = vec![self.rows as f64 * SLACK; self.readings.len()];
         for (channel, range) in self.channels.iter().enumerate() {

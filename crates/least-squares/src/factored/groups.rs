@@ -1,5 +1,3 @@
-//! R factors by group.
-
 use std::collections::HashMap;
 
 use super::rows::FactoredRows;
@@ -13,15 +11,13 @@ use shell_data::block::Block;
 
 const MEMORY: usize = 512 << 20;
 
-/// The R factor of each group, in the order of their first rows.
+/// In the order of their first rows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FactoredGroups {
-    /// Label and rows.
     pub groups: Vec<(String, FactoredRows)>,
 }
 
-/// Groups while rows are being added, factored in batches of fixed size: the result depends only on
-/// the order of the rows, not on blocks.
+/// Groups under construction, factored in batches of fixed size: results depend on the order of rows, not on blocks.
 #[derive(Debug)]
 pub struct GroupFactors {
     empty: FactoredRows,
@@ -43,13 +39,10 @@ impl GroupFactors {
         Self { empty, groups: Vec::new(), positions: HashMap::new() }
     }
 
-    /// Number of groups so far.
     pub fn group_count(&self) -> usize {
         self.groups.len()
     }
 
-    /// Adds the labelled rows of a block.
-    ///
     /// # Errors
     /// [`FitError`] if there are too many groups, or a row that cannot be fitted.
     pub fn add(&mut self, block: &Block, labels: &[(String, usize)]) -> Result<(), FitError> {
@@ -83,8 +76,6 @@ impl GroupFactors {
         Ok(position)
     }
 
-    /// Returns the groups, after all rows have been added.
-    ///
     /// # Errors
     /// [`FitError`] if a row cannot be fitted.
     pub fn finish(mut self) -> Result<FactoredGroups, FitError> {
@@ -135,13 +126,13 @@ impl FactoredGroups {
         Ok(Self { groups: labels.into_iter().zip(factored).collect() })
     }
 
-    /// Merges all groups; `None` if there are none.
+    /// `None` if there are none.
     pub fn total(&self) -> Option<FactoredRows> {
         FactoredRows::merged(self.groups.iter().map(|(_, rows)| rows))
     }
 
-    /// For each group, merges all others; `None` with fewer than two groups. Works from both ends: nothing is
-    /// subtracted, and no group is merged more than four times.
+    /// Merges all others of each group; `None` with fewer than two. Nothing is subtracted, and no group is merged
+    /// more than four times.
     pub fn without_each(&self) -> Option<Vec<FactoredRows>> {
         let merged = |earlier: &FactoredRows, later: &FactoredRows| {
             let mut all = earlier.clone();
@@ -150,7 +141,6 @@ impl FactoredGroups {
         };
         let rows = |group: usize| &self.groups[group].1;
         let last = self.groups.len().checked_sub(1).filter(|&last| last > 0)?;
-        // The groups after each group, from the last but one on.
         let mut after = vec![rows(last).clone()];
         for group in (1..last).rev() {
             after.push(merged(rows(group), &after[after.len() - 1]));
@@ -182,8 +172,8 @@ mod tests {
     use shell_data::block::Block;
     use system_tests::random::Random;
 
-    /// Groups of one to seven rows, fewer than features, with similar errors within a group. The
-    /// second channel is the first plus noise of size `apart`.
+    /// Groups of one to seven rows, fewer than features, with similar errors within a group. The second channel is
+    /// the first plus noise of size `apart`.
     fn block(apart: f64) -> Block {
         let mut random = Random(16);
         let mut noise = |scale: f64| scale * (2.0 * random.unit() - 1.0);
@@ -219,8 +209,7 @@ mod tests {
         (solution, groups.finish().unwrap())
     }
 
-    /// Computes from the singular vectors of all rows the variances of predictions at the rows, and
-    /// the products of residuals. Neither needs an inverse, so the condition does not matter.
+    /// Variances of predictions and products of residuals from singular vectors: any condition will do.
     fn dense(x: &Mat<f64>, block: &Block) -> (Vec<Mat<f64>>, Mat<f64>) {
         let (n, svd) = (x.nrows(), x.thin_svd().unwrap());
         let u = svd.U();
@@ -269,8 +258,7 @@ mod tests {
             let groups = FittedGroups::from_factors(&groups, &solution, Workers::ONE).unwrap();
             let found = groups.scatter(true, Workers::ONE).unwrap();
             assert_eq!(found.groups, 40);
-            // Both methods determine the directions of the features to ε·κ; sums of about a hundred
-            // rounding errors.
+            // Both determine the directions of the features to ε·κ; sums of about a hundred rounding errors.
             let tolerance = 100.0 * f64::EPSILON * solution.condition + 1e-12;
             assert!(apart > 1e-9 || solution.condition > 1e9, "{}", solution.condition);
             for axis in 0..6 {
@@ -288,7 +276,6 @@ mod tests {
         }
     }
 
-    /// Separate recordings have separate centres.
     #[test]
     fn merged_r_factors_equal_that_of_all_rows_for_any_centre() {
         let block = block(0.5);
@@ -355,7 +342,6 @@ mod tests {
         assert_eq!(refused(&groups), FitError::TooFewGroups { found: 1 });
     }
 
-    /// The result depends only on the order of the rows, not on their division into blocks.
     #[test]
     fn blocks_of_any_length_give_the_same_bits() {
         let all = block(0.5);

@@ -1,7 +1,7 @@
 //! Rows with arbitrary readings, reduced to their R factor.
 //!
 //! Volts, averages, and other readings with all the digits of a double cannot be summed exactly.
-//! For those, the R factor of features and wrench replaces the sums ([`FactoredRows`]):
+//! Their sums are replaced by the R factor of features and wrench ([`FactoredRows`]):
 //!
 //! ```text
 //! [X | W] = Q · | R  Z |
@@ -9,13 +9,12 @@
 //! ```
 //!
 //! Then `X_gᵀX_g = RᵀR`, `X_gᵀ(W_g − X_g·C) = Rᵀ(Z − R·C)`, and the products of residuals come from
-//! `Z − R·C` and `E`. Squares are never formed and nothing is subtracted from a sum, so errors grow
-//! with the condition number and not with its square. R factors of groups merge to that of all rows
-//! ([`FactoredGroups`]).
+//! `Z − R·C` and `E`. No squares are formed or subtracted, so errors grow with the condition number
+//! and not with its square. R factors of groups merge to that of all rows ([`FactoredGroups`]).
 //!
-//! Features always include a constant, so they can be expressed relative to another centre: R
-//! factors of separate recordings merge, and smaller models are contained in larger ones. The order
-//! of the rows affects only the last digits.
+//! Features always include a constant, which allows another centre: R factors of separate
+//! recordings merge, and smaller models are contained in larger ones. The order of the rows affects
+//! only the last digits.
 
 mod groups;
 mod rows;

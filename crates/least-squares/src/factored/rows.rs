@@ -1,5 +1,3 @@
-//! R factors of rows.
-
 use std::collections::HashMap;
 
 use faer::{Mat, MatRef};
@@ -21,14 +19,12 @@ use shell_data::wrench::{Axis, PerAxis};
 #[derive(Clone, Debug, PartialEq)]
 pub struct FactoredRows {
     pub(super) features: Features,
-    /// The number of rows, and the range of each channel.
     pub ranges: ReadingRanges,
     pub(crate) r_factor: RFactor,
 }
 
 impl FactoredRows {
-    /// Starts with zero rows. The features, and a constant, are of readings standardised by
-    /// `scaling`, which should come from a sample of the rows.
+    /// Starts with zero rows. `scaling`, for the features and a constant, should come from a sample of the rows.
     ///
     /// # Panics
     /// If the numbers of columns of `scaling` and `model` differ.
@@ -39,7 +35,6 @@ impl FactoredRows {
         Self { features: Features::new(model, scaling), ranges, r_factor }
     }
 
-    /// Number of rows.
     pub fn rows(&self) -> u64 {
         self.ranges.rows
     }
@@ -49,13 +44,10 @@ impl FactoredRows {
         self.features.model
     }
 
-    /// Centre and scale of the readings.
     pub fn scaling(&self) -> &Scaling {
         &self.features.scaling
     }
 
-    /// Adds the rows of a block.
-    ///
     /// # Errors
     /// [`FitError`] if a reading or a wrench is not finite, or so large that products overflow.
     pub fn absorb(&mut self, block: &Block) -> Result<(), FitError> {
@@ -121,8 +113,7 @@ impl FactoredRows {
         self.solve_by(SolverKind::Tsqr.into(), model, ridge)
     }
 
-    /// Like [`solve`](Self::solve), by any method that weighs all rows equally.
-    /// [`SolverKind::RidgeGcv`] finds λ for these rows.
+    /// [`solve`](Self::solve) by any method of equal weights. [`SolverKind::RidgeGcv`] finds λ for these rows.
     ///
     /// # Errors
     /// As [`FactoredRows::solve`].
@@ -173,7 +164,7 @@ impl FactoredRows {
         Some(std::array::from_fn(|axis| errors[axis].quality(variances[axis] * rows)))
     }
 
-    /// The variance of each axis of the wrench, in squares of N and N·m.
+    /// Squares of N and N·m.
     pub fn load_variances(&self) -> PerAxis<f64> {
         let (p, rows) = (self.features.len(), self.rows().max(1) as f64);
         let nothing = Mat::zeros(p, Axis::ALL.len());
@@ -184,13 +175,11 @@ impl FactoredRows {
         std::array::from_fn(|axis| about_mean[(axis, axis)] / rows)
     }
 
-    /// The matrix `T`, terms of these rows × terms of `model`, that expresses the features of
-    /// `model` relative to the centre of `scaling` in the features of these rows; `None` if a
-    /// product that `model` needs was not kept.
+    /// Matrix `T`, terms of these rows × terms of `model`, that expresses the features of `model` relative to the
+    /// centre of `scaling` in those of these rows; `None` without a product that `model` needs.
     ///
-    /// With `z = (s − c)/k` and `z' = (s − c')/k'`, a standardised reading is `z' = a·z + b`,
-    /// `a = k/k'`, `b = (c − c')/k'`, so every product of `z'` is a sum of products of `z`:
-    /// `X' = X·T`. Scales are powers of two, so `a` is exact.
+    /// With `z = (s − c)/k` and `z' = (s − c')/k'`, a standardised reading is `z' = a·z + b`, `a = k/k'`, `b = (c −
+    /// c')/k'`, so `X' = X·T`. Scales are powers of two, so `a` is exact.
     pub(crate) fn change(&self, model: &Model, scaling: &Scaling) -> Option<Mat<f64>> {
         if model.columns() != self.model().columns() {
             return None;

@@ -1,27 +1,24 @@
-//! Ridge parameter by generalised cross-validation (Golub, Heath and Wahba, Technometrics 21,
-//! 1979), from one factorisation.
+//! Ridge parameter by generalised cross-validation (Golub, Heath and Wahba, Technometrics 21, 1979).
 //!
-//! The penalised columns are made orthogonal to the free column, scaled to norm one and factored as
-//! `U·S·Vᵀ`. The residual sum of squares and the degrees of freedom are then sums over singular
-//! values for every λ:
+//! The penalised columns are made orthogonal to the free column, scaled to norm one and factored as `U·S·Vᵀ`. Sums
+//! over singular values then give, for every λ:
 //!
 //! ```text
 //! GCV(λ) = (RSS(λ)/n) / (1 − t(λ)/n)²    t = Σ s²/(s² + λ), and 1 for the free column
 //! RSS(λ) = RSS(0) + Σ (λ/(s² + λ))²·b²   b = UᵀY
 //! ```
 //!
-//! One λ serves all columns of `Y`: it minimises the sum of the logarithms of their GCV, which does
-//! not depend on units.
+//! One λ for all columns of `Y` minimises the sum of the logarithms of their GCV, which has no units.
 
 use faer::Mat;
 
 use crate::r_factor::{LeastSquaresError, RFactor, Ridge};
 
 const PER_DECADE: usize = 8;
-/// Exponents of the range of λ, relative to the largest squared singular value.
+/// Range of the exponents of λ, relative to the largest squared singular value.
 const RANGE: (f64, f64) = (-20.0, 4.0);
 
-/// The λ that minimises the criterion; zero if that is at the lower end of the search.
+/// Zero at the lower end of the search.
 pub(super) fn lambda(
     r_factor: &RFactor,
     free_column: Option<usize>,
@@ -39,8 +36,7 @@ pub(super) fn lambda(
     Ok(largest * 10_f64.powf(golden_section(low, high, criterion)))
 }
 
-/// Returns the largest squared singular value, and the criterion as a function of the exponent in
-/// λ = 10^exponent times that value.
+/// Largest squared singular value, and the criterion for λ = 10^exponent times that value.
 fn criterion(
     r_factor: &RFactor,
     free_column: Option<usize>,
@@ -105,7 +101,6 @@ mod tests {
     use super::super::dense::{Dense, solve_dense};
     use super::super::{Ridge, SolverKind};
 
-    /// GCV by its definition, from the hat matrix.
     fn gcv(x: &Mat<f64>, y: &Mat<f64>, lambda: f64) -> f64 {
         let (n, p) = x.shape();
         let mut gram = x.transpose() * x;
@@ -132,7 +127,7 @@ mod tests {
         let rows = || Dense::new(x.as_ref(), None, y.as_ref());
         let ridge = Ridge { lambda: 0.0, free_column: Some(5) };
         let chosen = solve_dense(rows(), SolverKind::RidgeGcv, ridge).unwrap();
-        // The chosen λ is not returned but shows in the coefficients, which shrink with λ: bracket it.
+        // The coefficients, which shrink with λ, bracket the chosen λ.
         let score = |lambda: f64| gcv(&x, &y, lambda);
         let grid = (0..=160).map(|k| 10_f64.powf(-10.0 + 0.08 * f64::from(k)));
         let best = grid.min_by(|&a, &b| score(a).total_cmp(&score(b))).unwrap();

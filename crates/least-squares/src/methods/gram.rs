@@ -50,9 +50,8 @@ impl Gram {
     ///
     /// Success does not prove full rank. The elements of the scaled matrix have errors of at most
     /// (r + a)·2⁻⁵³, with r rows to a chunk and a additions of chunks (Higham, Accuracy and
-    /// Stability of Numerical Algorithms, 2nd ed., §3.1). By Weyl's inequality its eigenvalues have
-    /// errors of at most p times that. If the smallest is not well above this bound, the rank is
-    /// uncertain and the result is an error.
+    /// Stability of Numerical Algorithms, 2nd ed., §3.1), its eigenvalues of at most p times that
+    /// (Weyl). A smallest eigenvalue not well above this bound is an error.
     pub(super) fn solve(&self, ridge: Ridge) -> Result<LeastSquares, LeastSquaresError> {
         let Shape { features: p, outputs: q } = self.shape;
         ridge.check(self.rows, p, self.products.is_all_finite())?;

@@ -1,20 +1,15 @@
-//! Huber's M-estimator of regression. Each column of `Y` is fitted separately, and distant rows get
-//! less weight.
+//! Huber's M-estimator of regression, with less weight for distant rows, for each column of `Y` separately.
 //!
-//! Solves `Σ ψ(rᵢ/σ)·xᵢ = 0` with `ψ(u) = max(−k, min(k, u))`, k = 1.345 (95 % efficiency for
-//! normal errors), and σ the median of `|r|` over 0.6745, like R's `MASS::rlm` by default. Modified
-//! residuals (Huber, Robust Statistics, 1981, §7.8) replace iteratively reweighted least squares:
-//! clip the residuals, and correct by the least-squares fit of the clipped residuals,
-//! `C += q·(XᵀX)⁻¹Xᵀψ`. A pass over the rows then costs a gradient instead of a factorisation per
-//! column of `Y`, and for q < 2 each step is certain to improve. A histogram with logarithmic bins
-//! gives the median over all rows to 0.4 %; the next pass keeps the sizes near it, which makes the
+//! Solves `Σ ψ(rᵢ/σ)·xᵢ = 0` with `ψ(u) = max(−k, min(k, u))`, k = 1.345 (95 % efficiency for normal errors), and σ
+//! the median of `|r|` over 0.6745, like R's `MASS::rlm` by default. Modified residuals (Huber, Robust Statistics,
+//! 1981, §7.8) replace iteratively reweighted least squares: `C += q·(XᵀX)⁻¹Xᵀψ`. A pass over the rows then costs a
+//! gradient, not a factorisation per column of `Y`, and for q < 2 each step is certain to improve. A histogram with
+//! logarithmic bins gives the median over all rows to 0.4 %; the next pass keeps the sizes near it, which makes the
 //! median exact.
 //!
-//! Coefficients and σ advance together, one step per pass. With few rows σ can oscillate around its
-//! solution; its steps are then shortened but never stopped.
+//! Coefficients and σ advance together, one step per pass. If σ oscillates with few rows, steps are shortened.
 //!
-//! Huber's pseudo-residuals, `K·ψ(rᵢ/σ)·σ/mean ψ'`, make covariances of coefficients follow as in
-//! least squares (§7.6).
+//! Huber's pseudo-residuals, `K·ψ(rᵢ/σ)·σ/mean ψ'`, give covariances of coefficients as in least squares (§7.6).
 
 use faer::Mat;
 
@@ -24,17 +19,16 @@ use crate::r_factor::{LeastSquares, LeastSquaresError, RFactor, Ridge};
 use crate::vectors::{add_multiple, dot};
 use std::ops::Range;
 
-/// The clipping threshold, in multiples of σ.
+/// Clipping threshold, in multiples of σ.
 const CLIP: f64 = 1.345;
 /// The third quartile of the standard normal distribution.
 const QUARTILE: f64 = 0.674_489_750_196_081_7;
-/// Maximum number of passes over many rows. With few rows, single rows can determine their own
-/// residuals and steps are short, so more passes of the same total cost are allowed.
+/// Maximum number of passes over many rows. Few rows can determine their own residuals, which shortens steps: they
+/// are allowed more passes of the same total cost.
 const MOST_PASSES: usize = 500;
 const MANY: u64 = 100_000;
 const MOST_SHORT_PASSES: usize = 20_000;
-/// Passes end when a step is smaller than this share of the standard errors, and σ changes by less.
-/// The remaining distance is at most some ten times larger.
+/// Last step, as a share of the standard errors and of σ. The remaining distance is at most some ten times larger.
 const STEP: f64 = 1e-8;
 /// Number of passes after which steps of σ that reverse are shortened.
 const FREE_PASSES: usize = 20;
@@ -42,18 +36,14 @@ const FREE_PASSES: usize = 20;
 const SHORTER: f64 = 0.7;
 const SHORTEST: f64 = 0.02;
 const LONGER: f64 = 1.1;
-/// The largest number of rows for which all sizes of residuals are kept for the median. With more
-/// rows, only sizes within the relative distance [`NEAR`] of the last median are kept.
+/// Most rows for which all sizes are kept for the median; of more rows, those within [`NEAR`] of the last one.
 const ALL_KEPT: u64 = 10_000;
 const NEAR: f64 = 0.01;
 /// Rounding error of sums over rows, relative to their terms.
 const ROUNDING: f64 = 64.0 * f64::EPSILON;
-/// The smallest σ, as a fraction of the RMS: even if most rows are fitted without error, the others
-/// must keep some weight.
+/// Smallest σ as a fraction of the RMS: if most rows are fitted without error, the others must keep some weight.
 const SMALLEST: f64 = 1e-12;
 
-/// The clipping threshold for residuals of these sizes.
-///
 /// # Panics
 /// If `sizes` is empty.
 pub(crate) fn clip_of_sizes(sizes: &mut [f64]) -> f64 {
@@ -61,7 +51,7 @@ pub(crate) fn clip_of_sizes(sizes: &mut [f64]) -> f64 {
     CLIP * mean_of_ranks(sizes, [(count - 1) / 2, count / 2]) / QUARTILE
 }
 
-/// The mean of the sizes at two ranks, which are equal or consecutive.
+/// Mean of the sizes at two ranks, equal or consecutive.
 fn mean_of_ranks(sizes: &mut [f64], [lower, upper]: [usize; 2]) -> f64 {
     let (below, &mut middle, _) = sizes.select_nth_unstable_by(upper, f64::total_cmp);
     let other = if lower == upper { middle } else { below.iter().copied().fold(0.0, f64::max) };
@@ -71,7 +61,7 @@ fn mean_of_ranks(sizes: &mut [f64], [lower, upper]: [usize; 2]) -> f64 {
 struct Clipping {
     shape: Shape,
     coefficients: Mat<f64>,
-    /// The clipping threshold σ·k of each column of `Y`.
+    /// σ·k of each column of `Y`.
     clip: Vec<f64>,
     unit: Vec<f64>,
     /// The range in which all sizes are kept, in those units.
@@ -107,8 +97,7 @@ impl<'a> Clipped<'a> {
         }
     }
 
-    /// The median size of a column's residuals; of an even number, the mean of the middle two. The
-    /// flag is `false` if the median is from the histogram.
+    /// Median size of a column's residuals, or mean of the middle two; `false` if it is from the histogram.
     fn median(&mut self, a: usize, rows: u64) -> (f64, bool) {
         let (kept, below) = (&mut self.kept[a], self.below[a]);
         let position = |rank: u64| rank.checked_sub(below).map(|position| position as usize);
@@ -179,11 +168,9 @@ pub(super) fn solve<R: RowSource>(rows: &mut R, ridge: Ridge) -> Result<LeastSqu
     let penalties = ridge.penalties(&norms);
     let rms = |a: usize| (solved.residual_products[(a, a)] / n).sqrt();
     let mut sigma: Vec<f64> = (0..q).map(rms).collect();
-    // A column that is fitted without error has equal residuals and is not clipped.
     let unit: Vec<f64> = sigma.iter().map(|&s| if s > 0.0 { s } else { 1.0 }).collect();
     let as_dear = MOST_PASSES as u64 * MANY / solved.rows.max(1);
     let most_passes = (as_dear as usize).clamp(MOST_PASSES, MOST_SHORT_PASSES);
-    // The rounding error of a column's residuals.
     let rounding = |solved: &LeastSquares, a: usize| {
         let terms = (0..p).map(|j| solved.coefficients[(j, a)].abs() * norms[j]);
         ROUNDING * terms.sum::<f64>() / n.sqrt()
@@ -213,8 +200,7 @@ pub(super) fn solve<R: RowSource>(rows: &mut R, ridge: Ridge) -> Result<LeastSqu
         }
         let inner = solved.factor.transpose() * &gradient;
         let step = &solved.factor * &inner;
-        // Mean of ψ', the share of rows with full weight. Above one half, a step lengthened by its
-        // inverse is certain to improve.
+        // Mean of ψ', the share of full weights. Above 1/2, a step lengthened by its inverse is sure to improve.
         let share = |a: usize| inside[a] as f64 / n;
         let mut settled = true;
         for a in 0..q {
@@ -295,8 +281,8 @@ mod tests {
         let y = Mat::from_fn(21, 1, |i, _| STACK_LOSS[i][3]);
         let rows = Dense::new(x.as_ref(), None, y.as_ref());
         let solved = solve_dense(rows, SolverKind::Huber, Ridge::NONE).unwrap();
-        // `summary(rlm(stack.loss ~ ., stackloss))`, Venables & Ripley, MASS, 4th ed., §6.5:
-        // coefficient and standard error of each column.
+        // `summary(rlm(stack.loss ~ ., stackloss))`, Venables & Ripley, MASS, 4th ed., §6.5: coefficients and
+        // standard errors.
         let published = [(0.8294, 0.1112), (0.9261, 0.3034), (-0.1278, 0.1289), (-41.0265, 9.8073)];
         let variance = solved.residual_products[(0, 0)] / 17.0;
         for (j, (coefficient, error)) in published.into_iter().enumerate() {
@@ -327,8 +313,8 @@ mod tests {
         assert!((robust[(0, 0)] - 3.0).abs() < 1e-12 && (robust[(1, 0)] + 7.0).abs() < 1e-10);
     }
 
-    /// Dense iteratively reweighted least squares: QR of the weighted rows in a loop, with the
-    /// median of all residuals. `None` if it does not converge.
+    /// Dense iteratively reweighted least squares by QR, with the median of all residuals. `None` without
+    /// convergence.
     fn reweighted(x: &Mat<f64>, y: &Mat<f64>) -> Option<(Mat<f64>, f64)> {
         let (n, p) = (x.nrows(), x.ncols());
         let mut weights = vec![1.0; n];
@@ -361,7 +347,6 @@ mod tests {
         let mut compared = 0;
         for case in 0..300 {
             let p = 2 + case % 8;
-            // Few rows, many rows, and too many to keep all sizes.
             let n = match case {
                 299 => 30_000,
                 _ => 3 * p + 5 + (case * 37) % (36 * p),
@@ -396,7 +381,6 @@ mod tests {
             // With fewer rows than twice the columns, outliers cannot be identified.
             let n = 2 * p + 2 + case % 17;
             let x = Mat::from_fn(n, p, |_, j| if j == 0 { 1.0 } else { unit() - 0.5 });
-            // One row in four is an outlier.
             let y = Mat::from_fn(n, 1, |i, _| {
                 x.row(i).iter().sum::<f64>() + 0.1 * unit() + if unit() < 0.25 { 50.0 } else { 0.0 }
             });
@@ -406,8 +390,8 @@ mod tests {
             let residual = &y - &x * &solved.coefficients;
             let mut sizes: Vec<f64> = residual.col(0).iter().map(|r| r.abs()).collect();
             sizes.sort_unstable_by(f64::total_cmp);
-            // The converged σ is not returned, but it follows from the sizes of these residuals.
-            // Clipped with it, they must be orthogonal to the columns.
+            // The converged σ follows from the sizes of these residuals. Clipped with it, they must be orthogonal to
+            // the columns.
             let solves = |sigma: f64| {
                 let clip = CLIP * sigma;
                 (0..p).all(|j| {

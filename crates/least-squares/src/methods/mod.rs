@@ -1,8 +1,8 @@
 //! Dense linear least squares, `min ‖X·C − Y‖`, by a family of methods over one stream of rows.
 //!
-//! Rows come in chunks `[X | Y]`, with elements of `X` in double-double where `f64` would round
-//! them ([`RowChunk`]). A [`Reduction`] defines what a pass over the rows computes, in memory that
-//! does not grow with them. A [`RowSource`] can be passed over as often as the method needs:
+//! Rows come in chunks `[X | Y]`, with elements of `X` in double-double where `f64` would round them ([`RowChunk`]).
+//! A [`Reduction`] is what a pass computes, in memory that does not grow with the rows. A [`RowSource`] can be passed
+//! over as often as needed:
 //!
 //! | method | passes | memory | relative error of the coefficients, about |
 //! | --- | --- | --- | --- |
@@ -39,7 +39,6 @@ use self::gram::Gram;
 use self::wide::{WideGram, WideRFactor};
 use super::r_factor::RFactor;
 
-/// The solvers by name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
@@ -50,8 +49,8 @@ pub enum SolverKind {
     Tsqr,
     /// Householder QR, corrected by residuals in double-double: two passes or more.
     RefinedTsqr,
-    /// QR with column pivoting. Pivots are chosen in the R factor of [`SolverKind::Tsqr`], whose
-    /// columns have the lengths and angles of the columns of `X`, so the factorisation is the same.
+    /// QR with column pivoting of the R factor of [`SolverKind::Tsqr`], whose columns have the angles of those of
+    /// `X`.
     PivotedQr,
     /// Singular values of the R factor, which are the singular values of `X`.
     Svd,
@@ -70,10 +69,8 @@ pub enum SolverKind {
 /// A solver and its options.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Method {
-    /// The solver.
     pub solver: SolverKind,
-    /// For [`SolverKind::Svd`]: drops directions whose singular value, with columns of norm one, is
-    /// below this fraction of the largest. `None` keeps all.
+    /// For [`SolverKind::Svd`]: drops singular values, with columns of norm one, below this fraction of the largest.
     pub truncate: Option<f64>,
 }
 
@@ -84,24 +81,21 @@ impl From<SolverKind> for Method {
 }
 
 impl SolverKind {
-    /// All solvers.
     pub const ALL: [SolverKind; 10] = {
         use SolverKind::*;
         [Exact, Tsqr, RefinedTsqr, PivotedQr, Svd, Gram, WideGram, WideTsqr, RidgeGcv, Huber]
     };
 
-    /// The name in files and on the command line.
+    /// Name in files and on the command line.
     pub const fn name(self) -> &'static str {
         NAMES[self as usize].0
     }
 
-    /// A short description of the solver.
     pub const fn description(self) -> &'static str {
         NAMES[self as usize].1
     }
 
-    /// The recommended replacement of a solver that only serves as a reference in tests and
-    /// benchmarks. The replacement gives the same digits at lower cost.
+    /// Replacement, with equal digits at lower cost, of a solver that only serves as a reference in tests.
     pub const fn instead(self) -> Option<Self> {
         match self {
             Self::RefinedTsqr | Self::Gram | Self::WideGram | Self::WideTsqr => Some(Self::Exact),
@@ -116,7 +110,6 @@ impl SolverKind {
     }
 }
 
-/// The names and descriptions of the solvers, in the order of [`SolverKind`].
 const NAMES: [(&str, &str); 10] = [
     ("exact", "Exact sums of integer readings; QR, corrected by residuals, of others"),
     ("tsqr", "Householder QR over row blocks"),
@@ -135,8 +128,7 @@ const NAMES: [(&str, &str); 10] = [
 /// With [`SolverKind::RidgeGcv`], `ridge` only determines the column that is not penalised.
 ///
 /// # Errors
-/// [`LeastSquaresError`] if the rows do not determine the coefficients, or not for this method; the
-/// errors of `rows`.
+/// [`LeastSquaresError`] if the rows do not determine the coefficients, or not for this method; the errors of `rows`.
 pub fn solve<R: RowSource>(
     rows: &mut R,
     method: Method,
@@ -158,8 +150,8 @@ pub fn solve<R: RowSource>(
     Ok((solved, ridge.lambda))
 }
 
-/// Like [`solve`], from a known R factor. Singular values and a ridge by GCV use it; every other
-/// method with equal weights differs from QR only by rounding.
+/// [`solve`] from a known R factor, used by singular values and a ridge by GCV; others with equal weights would
+/// differ from QR only by rounding.
 pub(crate) fn solve_r_factor(
     r_factor: &RFactor,
     method: Method,

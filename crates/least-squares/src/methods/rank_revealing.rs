@@ -1,6 +1,5 @@
-//! Column pivoting and singular values, both from the R factor of a pass of QR: `X = Q·R` with
-//! orthonormal `Q`, so pivots, singular values and directions are those of `X`, at the cost of p
-//! columns of p elements instead of n.
+//! Column pivoting and singular values from the R factor: `X = Q·R` with orthonormal `Q`, so
+//! pivots, singular values and directions are those of `X`.
 
 use faer::linalg::triangular_solve;
 use faer::{Mat, Par};
@@ -8,8 +7,8 @@ use faer::{Mat, Par};
 use crate::r_factor::{LeastSquares, LeastSquaresError, RFactor, Ridge, equilibrated};
 
 /// Solves by QR with column pivoting of the equilibrated R factor. Singular values decide the rank,
-/// as in [`RFactor::solve`]: the diagonal after pivoting may stay large while the smallest singular
-/// value does not (Golub & Van Loan 4e, §5.4.2).
+/// as in [`RFactor::solve`]: the diagonal may stay large while the smallest singular value does not
+/// (Golub & Van Loan 4e, §5.4.2).
 pub(super) fn pivoted(r_factor: &RFactor, ridge: Ridge) -> Result<LeastSquares, LeastSquaresError> {
     let mut solved = r_factor.solve(ridge)?;
     let (r, z) = r_factor.damped_parts(ridge);
@@ -26,9 +25,8 @@ pub(super) fn pivoted(r_factor: &RFactor, ridge: Ridge) -> Result<LeastSquares, 
     Ok(with_residuals_of(solved, r_factor))
 }
 
-/// Solves by singular values of the equilibrated R factor. Drops directions with a singular value
-/// below the share `truncate` of the largest: the result is then the shortest vector that fits the
-/// others best, and `rank` is their number.
+/// Solves by singular values of the equilibrated R factor, without those below the share `truncate`
+/// of the largest: the shortest vector that fits the other directions, `rank` in number.
 pub(super) fn svd(
     r_factor: &RFactor,
     ridge: Ridge,

@@ -3,10 +3,9 @@
 //! With `R` from a first pass and any `C`, the gradient `G = Xᵀ(Y − X·C)` gives the correction
 //! `R⁻¹R⁻ᵀ·G`: the corrected seminormal equations (Björck, Linear Algebra Appl. 88/89, 1987). `R`
 //! is the exact factor of a matrix within a small multiple of ε of `X`, so each correction leaves a
-//! share of order ε·κ of the error, however large the residual. The gradient limits the accuracy,
-//! so residuals and their sums are in double-double, from `C` in double-double. One correction
-//! gives every digit of an `f64` up to about κ = 10⁶; further passes follow if the error bound
-//! requires them.
+//! share of order ε·κ of the error, for any residual. Residuals and their sums are in
+//! double-double, because the gradient limits the accuracy. One correction gives every digit of an
+//! `f64` up to about κ = 10⁶; the error bound decides on further passes.
 
 use faer::{Mat, MatRef};
 
@@ -29,7 +28,7 @@ struct Gradient<'a> {
 impl Reduction for Gradient<'_> {
     const WIDE: bool = true;
 
-    /// The number of rows that fit in a core's L2 cache, because each column is used twice.
+    /// Rows that fit in a core's L2 cache, because each column is used twice.
     fn chunk_rows(columns: usize) -> usize {
         /// Size of heads and tails, in bytes.
         const BYTES: usize = 1 << 19;
@@ -121,9 +120,9 @@ pub(super) fn solve<R: RowSource>(rows: &mut R, ridge: Ridge) -> Result<LeastSqu
     Err(ill_conditioned.into())
 }
 
-/// Returns true if, for each coefficient, `contraction` times the last correction is below the
-/// resolution of `f64`. A coefficient that is zero except for rounding only needs a correction that
-/// is small relative to the other coefficients, with columns scaled to norm one.
+/// Returns true if `contraction` times the last correction of each coefficient is below the
+/// resolution of `f64` or, for a coefficient of zero but rounding, small relative to the others,
+/// with columns of norm one.
 fn is_settled(
     correction: MatRef<'_, f64>,
     coefficients: &WideMatrix,

@@ -1,32 +1,24 @@
-//! Rows in chunks, and the traits for passes over them.
-
 use std::ops::Range;
 
 use super::wide_matrix::Wide;
 use crate::r_factor::{LeastSquaresError, RFactor};
 
-/// Some rows of `[X | Y]`, column by column.
 #[derive(Clone, Copy, Debug)]
 pub struct RowChunk<'a> {
-    /// Number of rows.
     pub rows: usize,
-    /// Distance between the starts of columns.
     pub stride: usize,
-    /// The elements, rounded to `f64`.
     pub heads: &'a [f64],
     /// Rounding errors of the elements of `X`, in the same layout; empty if all are zero.
     pub tails: &'a [f64],
 }
 
 impl<'a> RowChunk<'a> {
-    /// Number of rows in a chunk of `columns` columns that fits in a core's private cache and is
-    /// long enough to make the overhead per chunk negligible.
+    /// Number of rows in a chunk that fits in a core's private cache and has a negligible overhead.
     pub fn rows_in_cache(columns: usize) -> usize {
         const BYTES: usize = 1 << 18;
         (BYTES / (8 * columns.max(1))).max(4 * columns)
     }
 
-    /// Column `j` of `[X | Y]`.
     #[inline(always)]
     pub fn column(&self, j: usize) -> &'a [f64] {
         &self.heads[j * self.stride..][..self.rows]
@@ -43,7 +35,6 @@ impl<'a> RowChunk<'a> {
     }
 }
 
-/// Columns of equal height, one after another, with the rounding error of each element.
 #[derive(Clone, Debug)]
 pub(super) struct WideColumns {
     pub(super) height: usize,
@@ -65,29 +56,24 @@ impl WideColumns {
     }
 }
 
-/// The result of a pass over the rows. It starts as the result for zero rows.
+/// The result of a pass over the rows.
 pub trait Reduction: Clone + Send + Sync {
     /// True if the reduction uses [`RowChunk::tails`].
     const WIDE: bool;
 
-    /// Maximum number of rows of a chunk with `columns` columns.
     fn chunk_rows(columns: usize) -> usize {
         RowChunk::rows_in_cache(columns)
     }
 
-    /// Adds a chunk of at most [`Self::chunk_rows`] rows.
     fn absorb(&mut self, chunk: &RowChunk<'_>);
 
-    /// Adds the rows of `later`.
     fn merge(&mut self, later: Self);
 }
 
-/// Rows that can be passed over any number of times.
+/// Rows for any number of passes.
 pub trait RowSource {
-    /// The error of a pass.
     type Error: From<LeastSquaresError>;
 
-    /// Numbers of columns of `X` and of `Y`.
     fn shape(&self) -> Shape;
 
     /// Reduces all rows, starting from `empty`, the result for zero rows.
@@ -97,7 +83,6 @@ pub trait RowSource {
     fn pass<R: Reduction>(&mut self, empty: &R) -> Result<R, Self::Error>;
 }
 
-/// Numbers of columns of `X` and of `Y`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shape {
     /// p, number of columns of `X`.
@@ -107,7 +92,6 @@ pub struct Shape {
 }
 
 impl Shape {
-    /// Number of columns of `[X | Y]`.
     pub fn columns(self) -> usize {
         self.features + self.outputs
     }
@@ -116,7 +100,6 @@ impl Shape {
 impl Reduction for RFactor {
     const WIDE: bool = false;
 
-    /// Householder QR over row blocks, see [`r_factor`](crate::r_factor).
     fn absorb(&mut self, chunk: &RowChunk<'_>) {
         self.absorb(chunk.rows, |rows, columns, stride| {
             for (j, column) in columns.chunks_mut(stride).enumerate() {

@@ -1,6 +1,6 @@
-//! Methods in double-double. Normal equations cost no digit that an `f64` could hold. Householder
-//! QR, streamed over rows, is slow, and correct to the last digit of an `f64` for any condition
-//! number that `f64` data can have.
+//! Methods in double-double. Normal equations cost no digit that an `f64` could hold. Streamed
+//! Householder QR is slow, and correct to the last digit of an `f64` for any condition number of
+//! `f64` data.
 
 use faer::Mat;
 
@@ -53,9 +53,8 @@ impl WideGram {
         self.products[j * (j + 1) / 2 + i]
     }
 
-    /// The relative error of an element, with columns scaled to norm one: Dot2 within a chunk
-    /// (n²·2⁻¹⁰⁶ for n terms to a lane), and sums of double-doubles over chunks and in the Cholesky
-    /// factorisation.
+    /// Relative error of an element, with columns of norm one: Dot2 within a chunk (n²·2⁻¹⁰⁶ for n
+    /// terms to a lane), and sums of double-doubles over chunks and in the Cholesky factorisation.
     fn rounding(&self) -> f64 {
         let chunk_rows = RowChunk::rows_in_cache(self.shape.columns()) as u64;
         let terms = chunk_rows.min(self.rows).div_ceil(LANES as u64) as f64 + 1.0;
@@ -63,9 +62,9 @@ impl WideGram {
         (terms * terms + 4.0 * sums) * (f64::EPSILON / 2.0).powi(2)
     }
 
-    /// Solves by Cholesky factorisation. Loss of rank is not distinguished from a condition number
-    /// above the limit: the smallest gap between columns of `f64`, squared, is below the rounding
-    /// error of these sums.
+    /// Solves by Cholesky factorisation. Loss of rank looks like a condition number above the
+    /// limit: the smallest gap between columns of `f64`, squared, is below the rounding error of
+    /// these sums.
     pub(super) fn solve(&self, ridge: Ridge) -> Result<LeastSquares, LeastSquaresError> {
         let Shape { features: p, outputs: q } = self.shape;
         ridge.check(self.rows, p, self.products.iter().all(|e| e.is_finite()))?;
@@ -84,7 +83,7 @@ impl WideGram {
             damped[(j, j)] += penalty;
         }
         let bound = p as f64 * self.rounding();
-        // In the worst case the coefficients have a relative error of 0.1 %.
+        // Allows coefficients a relative error of 0.1 % in the worst case.
         let limit = (1e-3 / bound).sqrt();
         let ill_conditioned = LeastSquaresError::IllConditioned { limit };
         let Some(r) = cholesky(&damped) else { return Err(ill_conditioned) };
@@ -124,7 +123,7 @@ impl WideGram {
     }
 }
 
-/// The R factor of the rows `[X | Y]` so far in double-double, as in [`crate::r_factor`].
+/// R factor of the rows `[X | Y]` so far in double-double, as in [`crate::r_factor`].
 #[derive(Clone, Debug)]
 pub(super) struct WideRFactor {
     shape: Shape,
@@ -158,8 +157,8 @@ impl WideRFactor {
         Self { shape, rows: 0, r: WideMatrix::from_fn(columns, columns, |_, _| DoubleDouble::ZERO) }
     }
 
-    /// Factors the R factor with `rows` appended below. Column `k` of the stack is zero between its
-    /// diagonal element and these rows, so its reflector only affects them.
+    /// Factors the R factor with `rows` below. The reflector of column `k` affects only its
+    /// diagonal element and these rows.
     fn eliminate(&mut self, rows: WideColumns) {
         let n = self.shape.columns();
         let WideColumns { height, mut heads, mut tails } = rows;
@@ -231,8 +230,8 @@ impl WideRFactor {
             (solved.condition, solved.rank) = spectrum(&undamped)?;
             return Ok(solved);
         }
-        // If the residual is large, its contribution to the error grows with the square of the
-        // condition number (Björck 1996, §1.4.3). The limit keeps it below 1 %.
+        // Large residuals contribute an error with the square of the condition number (Björck 1996,
+        // §1.4.3), limited to 1 %.
         let steepest = (0..q).map(|a| {
             let fitted: f64 = z.col_as_slice(a).iter().map(|e| e.to_f64() * e.to_f64()).sum();
             (solved.residual_products[(a, a)] / fitted.max(f64::MIN_POSITIVE)).sqrt()

@@ -1,6 +1,5 @@
-//! Double-double arithmetic: inner loops over rows, with heads and tails in separate columns,
-//! compiled as in [`vectors`](crate::vectors); small matrices; and the solution from a wide R
-//! factor.
+//! Double-double arithmetic: loops over rows, with heads and tails in separate columns, compiled as
+//! in [`vectors`](crate::vectors); small matrices; and the solution from a wide R factor.
 
 use faer::Mat;
 use pulp::Simd;
@@ -21,7 +20,7 @@ pub(super) fn is_finite(matrix: &WideMatrix) -> bool {
     matrix.col_iter().flat_map(|column| column.iter()).all(|e| e.is_finite())
 }
 
-/// Computes `Σ aᵢ·bᵢ`, up to the shorter length.
+/// Sums up to the shorter length.
 pub(super) fn product(a: &[DoubleDouble], b: &[DoubleDouble]) -> DoubleDouble {
     a.iter().zip(b).map(|(&a, &b)| a * b).sum()
 }
@@ -58,7 +57,6 @@ pub(super) fn solve_upper(r: &WideMatrix, z: &WideMatrix) -> WideMatrix {
     c
 }
 
-/// Solves `Rᵀ·C = Z` with upper triangular `R`.
 pub(super) fn solve_transposed(r: &WideMatrix, z: &WideMatrix) -> WideMatrix {
     let mut c = z.clone();
     for a in 0..z.ncols() {
@@ -70,14 +68,12 @@ pub(super) fn solve_transposed(r: &WideMatrix, z: &WideMatrix) -> WideMatrix {
     c
 }
 
-/// Solves the problem that is reduced to `R`, p × p, with the rows of the ridge, and `Z = QᵀY`, p ×
-/// q.
+/// Solves the problem reduced to `R`, p × p, with the rows of the ridge, and `Z = QᵀY`, p × q.
 ///
-/// `resolution` is the largest singular value of `R`, with columns scaled to norm one, that
-/// rounding may produce from zero. The smallest singular value is computed from the inverse, which
-/// `f64` holds to full relative accuracy, so a condition number of 10²⁰ is reported as such.
-/// `residual_products` computes `(Y − X·C)ᵀ(Y − X·C)`, q × q, without the part that is due to the
-/// ridge.
+/// `resolution` is the largest singular value of `R`, with columns of norm one, that rounding may
+/// produce from zero. The smallest one comes from the inverse, with full relative accuracy: a
+/// condition number of 10²⁰ is reported as such. `residual_products` computes `(Y − X·C)ᵀ(Y −
+/// X·C)`, q × q, without the part due to the ridge.
 pub(super) fn solve_triangle(
     r: &WideMatrix,
     z: &WideMatrix,
@@ -98,7 +94,6 @@ pub(super) fn solve_triangle(
     let identity = WideMatrix::from_fn(p, p, |i, j| f64::from(u8::from(i == j)).into());
     let inverse = solve_upper(&unit, &identity);
     let size = largest_singular_value(&unit)?;
-    // Dependent columns have a singular value that rounding leaves at zero or makes tiny.
     let condition =
         if is_finite(&inverse) { size * largest_singular_value(&inverse)? } else { f64::INFINITY };
     if condition * resolution >= size {
@@ -116,8 +111,8 @@ pub(super) fn solve_triangle(
     Ok(LeastSquares { coefficients, factor, residual_products, rows, condition, rank: p })
 }
 
-/// Condition number and rank of the upper triangle `r` with columns scaled to norm one, within the
-/// precision of `f64`. Used for problems that a ridge has made solvable.
+/// Condition number and rank of the upper triangle `r` with columns of norm one, in `f64`, for
+/// problems that a ridge makes solvable.
 pub(super) fn spectrum(r: &Mat<f64>) -> Result<(f64, usize), LeastSquaresError> {
     condition_and_rank(&equilibrated(r.as_ref()).0, f64::EPSILON * r.ncols() as f64)
 }
@@ -127,7 +122,7 @@ fn largest_singular_value(m: &WideMatrix) -> Result<f64, LeastSquaresError> {
     Ok(values.first().copied().unwrap_or(1.0))
 }
 
-/// Number of parallel sums: one vector, so that their operations hide each other's latency.
+/// One vector of sums, which hide each other's latency.
 pub(super) const LANES: usize = 8;
 
 /// A column in double-double. Empty tails mean zeros.
@@ -137,7 +132,6 @@ pub(super) struct Wide<'a> {
     pub(super) tails: &'a [f64],
 }
 
-/// A sum in double-double, accumulated in lanes.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct LaneSums {
     heads: [f64; LANES],
@@ -167,7 +161,6 @@ impl LaneSums {
         self.tails[lane] += lost + tail;
     }
 
-    /// Adds `xᵀy`.
     #[inline(always)]
     fn add_product<S: Simd>(&mut self, simd: S, x: Wide<'_>, y: Wide<'_>) {
         match (x.tails.is_empty(), y.tails.is_empty()) {
@@ -229,8 +222,8 @@ impl LaneSums {
     }
 }
 
-/// Computes `xᵀy` as if in double-double and rounded last: compensated summation (Ogita, Rump and
-/// Oishi, SIAM J. Sci. Comput. 26, 2005, algorithm Dot2) in [`LANES`] sums.
+/// Computes `xᵀy` by compensated summation (Ogita, Rump and Oishi, SIAM J. Sci. Comput. 26, 2005,
+/// algorithm Dot2), in [`LANES`] sums: as if in double-double and rounded last.
 pub(super) fn dot(x: Wide<'_>, y: Wide<'_>) -> DoubleDouble {
     let mut sum = LaneSums::default();
     add_products(std::slice::from_mut(&mut sum), &[x], y);
@@ -238,7 +231,6 @@ pub(super) fn dot(x: Wide<'_>, y: Wide<'_>) -> DoubleDouble {
 }
 
 vectorised! {
-    /// Adds `xᵀy` to the sum of each `x`.
     pub(super) fn add_products<S: Simd>(simd: S, sums: &mut [LaneSums], x: &[Wide<'_>], y: Wide<'_>) {
         sums.iter_mut().zip(x).for_each(|(sum, &x)| sum.add_product(simd, x, y));
     }

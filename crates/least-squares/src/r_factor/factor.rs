@@ -1,9 +1,9 @@
 //! The R factor, and coefficients from it.
 //!
-//! Lanczos iteration finds the largest eigenvalue of `RᵀR` and of its inverse, and so the extreme
-//! singular values (Golub & Van Loan, 4th ed., §10.1). Each vector is kept orthogonal to all
-//! previous ones. Some twenty vectors are enough for a polynomial; all singular values would take
-//! as long as a refinement.
+//! Lanczos iteration finds the extreme singular values (Golub & Van Loan, 4th ed., §10.1), as the
+//! largest eigenvalue of `RᵀR` and of its inverse. Each vector is kept orthogonal to all previous
+//! ones. Some twenty are enough for a polynomial; all singular values would take as long as a
+//! refinement.
 
 use faer::linalg::{triangular_inverse, triangular_solve};
 use faer::{Mat, MatRef, Par};
@@ -26,7 +26,7 @@ impl RFactor {
         (r, Mat::from_fn(rows.len(), q, |i, j| self.r[(rows[i], p + j)]))
     }
 
-    /// The R factor of the same rows of `X·T`, with `T` = `change`, p × any number of columns.
+    /// R factor of the same rows of `X·T`, with `T` = `change`, p × any number of columns.
     pub(crate) fn in_terms_of(&self, change: MatRef<'_, f64>) -> Self {
         let (p, order) = (self.features, self.r.nrows());
         let mut x = Mat::zeros(order, change.ncols());
@@ -36,17 +36,16 @@ impl RFactor {
     }
 
     /// Solves for the coefficients. Singular values of the equilibrated `R` count as zero if
-    /// rounding may have produced them from zero. A ridge determines those directions, so rank is
-    /// then only reported.
+    /// rounding may have produced them. A ridge determines those directions, so rank is then only
+    /// reported.
     ///
     /// # Errors
-    /// [`LeastSquaresError`] if there are too few rows or dependent columns and no ridge, if the
-    /// columns are so nearly dependent that rounding may have left no correct digit of the
-    /// coefficients, or if a value is not finite.
+    /// [`LeastSquaresError`] for too few rows, dependent columns without a ridge, nearly dependent
+    /// columns whose rounding leaves no correct digit, or values that are not finite.
     pub fn solve(&self, ridge: Ridge) -> Result<LeastSquares, LeastSquaresError> {
         let solved = self.solve_roughly(ridge)?;
-        // The relative error is about ε·κ·(1 + κ·‖r‖/‖D·C‖), with D the norms of columns (Björck
-        // 1996, theorem 1.4.6). A factor of sixteen allows for the constants in it.
+        // The relative error is about ε·κ·(1 + κ·‖r‖/‖D·C‖), with the norms D of columns (Björck
+        // 1996, theorem 1.4.6), times sixteen for the constants.
         let steepest = (0..solved.coefficients.ncols()).map(|a| {
             let sizes = self.r().col_iter().zip(solved.coefficients.col(a).iter());
             let fitted = sizes.fold(0.0, |f: f64, (x, c)| f.hypot(x.norm_l2() * c));
@@ -63,7 +62,7 @@ impl RFactor {
         Ok(solved)
     }
 
-    /// Like [`RFactor::solve`], but accepts any loss of accuracy: a starting point for refinement.
+    /// [`RFactor::solve`] with any loss of accuracy: a starting point for refinement.
     pub(crate) fn solve_roughly(&self, ridge: Ridge) -> Result<LeastSquares, LeastSquaresError> {
         let (p, q) = (self.features, self.r.nrows() - self.features);
         ridge.check(self.rows, p, self.r.is_all_finite())?;
@@ -93,8 +92,8 @@ impl RFactor {
         })
     }
 
-    /// The size that rounding can give a zero singular value, relative to the largest. Rounding
-    /// errors add up like a random walk, over the p columns and over the row blocks.
+    /// Relative size that rounding can give a zero singular value: a random walk over the p columns
+    /// and the row blocks.
     fn rounding(&self) -> f64 {
         const ROWS: f64 = 256.0;
         4.0 * f64::EPSILON * (self.features as f64 * (1.0 + self.rows as f64 / ROWS)).sqrt()
@@ -126,7 +125,6 @@ impl RFactor {
         rest.transpose() * rest
     }
 
-    /// `R` and `Z` after adding the rows of a ridge.
     pub(crate) fn damped_parts(&self, ridge: Ridge) -> (Mat<f64>, Mat<f64>) {
         let (p, q) = (self.features, self.r.nrows() - self.features);
         let (_, norms) = equilibrated(self.r());
@@ -135,7 +133,6 @@ impl RFactor {
         (part(0, p), part(p, q))
     }
 
-    /// The R factor after adding the rows `√λ·D` of the ridge.
     fn damped(&self, norms: &[f64], ridge: Ridge) -> Mat<f64> {
         let mut damped = self.clone();
         if ridge.lambda > 0.0 {
@@ -161,8 +158,7 @@ pub(crate) fn rank_deficient(r: MatRef<'_, f64>, rank: usize) -> LeastSquaresErr
     LeastSquaresError::RankDeficient { rank, columns, null_space, r_factor }
 }
 
-/// Scales the columns of a matrix to norm one. Returns the divisors too. Columns of zeros stay
-/// unchanged.
+/// Scales columns to norm one, except columns of zeros. Returns the divisors too.
 pub(crate) fn equilibrated(matrix: MatRef<'_, f64>) -> (Mat<f64>, Vec<f64>) {
     let unit = |norm: f64| if norm > 0.0 { norm } else { 1.0 };
     let norms: Vec<f64> = matrix.col_iter().map(|column| unit(column.norm_l2())).collect();
@@ -173,14 +169,13 @@ const MOST_VECTORS: usize = 100;
 
 const VECTORS_AT_ONCE: usize = 4;
 
-/// The convergence threshold: the relative increase of an eigenvalue from one check to the next.
 const SETTLED: f64 = 1e-13;
 
-/// The largest number of columns for which computing all singular values is fast.
+/// Most columns for which computing all singular values is fast.
 const FEW_COLUMNS: usize = 100;
 
-/// The condition number of an upper triangular matrix, and the number of its singular values above
-/// a fraction `tolerance` of the largest. All singular values are computed only if one may be zero.
+/// Condition number of an upper triangle, and number of singular values above the fraction
+/// `tolerance` of the largest.
 pub(crate) fn condition_and_rank(
     matrix: &Mat<f64>,
     tolerance: f64,
@@ -228,7 +223,7 @@ fn by_recursion(r: &Mat<f64>) -> Option<[f64; 2]> {
     Some([smallest.sqrt(), largest.sqrt()])
 }
 
-/// The largest eigenvalue of a positive definite matrix. `apply` replaces `x` with `A·x`.
+/// Largest eigenvalue of a positive definite matrix. `apply` replaces `x` with `A·x`.
 fn largest_eigenvalue(size: usize, apply: impl Fn(&mut [f64])) -> Option<f64> {
     // Fractional parts of multiples of the golden ratio: a direction unrelated to any feature.
     let mut next: Vec<f64> =
@@ -276,10 +271,6 @@ mod tests {
         Mat::from_fn(rows, columns, |_, _| 2.0 * random.unit() - 1.0)
     }
 
-    /// Solves `min ‖X·C − Y‖` for dense `X` (n × p) and `Y` (n × q).
-    ///
-    /// # Errors
-    /// As [`RFactor::solve`].
     fn least_squares(
         x: MatRef<'_, f64>,
         y: MatRef<'_, f64>,
@@ -306,7 +297,6 @@ mod tests {
         let (x, c) = (noise(500, 12, 1), noise(12, 6, 2));
         let solved = least_squares(x.as_ref(), (&x * &c).as_ref(), Ridge::NONE).unwrap();
         assert_eq!((solved.rank, solved.rows), (12, 500));
-        // A random matrix is well conditioned, so the error is only rounding.
         assert!(difference(&solved.coefficients, &c) < 1e-14);
         assert!(solved.residual_products.norm_max() < 1e-27);
     }

@@ -1,7 +1,6 @@
-//! Householder QR of an R factor with rows below it. faer's QR (0.24) is not used: it drops a
-//! column, and shifts the later rows, if the part of the column that is independent of earlier ones
-//! is below 16·n·2⁻⁵² of its norm. With a thousand rows to a block, that is a silent loss of rank
-//! at a condition number of 10¹¹.
+//! Householder QR of an R factor with rows below it. faer's QR (0.24) drops a column, and shifts
+//! the later rows, if its part independent of earlier ones is below 16·n·2⁻⁵² of its norm: with a
+//! thousand rows to a block, a silent loss of rank at a condition number of 10¹¹.
 
 use std::ops::Range;
 
@@ -11,7 +10,7 @@ use faer::{Accum, ColMut, ColRef, Mat, MatMut, Par};
 
 use crate::vectors::{add_multiple, dot};
 
-/// Bytes in a row block. Each reflector passes over the block, so it should fit in the L1 cache.
+/// Bytes in a row block, which should fit in the L1 cache, because each reflector passes over it.
 const BLOCK_BYTES: usize = 1 << 15;
 
 /// Bytes in a row block with many columns. Each panel passes over it once.
@@ -19,23 +18,21 @@ const LARGE_BLOCK_BYTES: usize = 1 << 20;
 
 const PANEL: usize = 16;
 
-/// The R factor of the rows so far.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RFactor {
     pub(super) features: usize,
-    /// Number of rows absorbed.
     pub rows: u64,
     pub(super) r: Mat<f64>,
 }
 
 impl RFactor {
-    /// The R factor of zero rows, with `features` columns of `X` and `outputs` columns of `Y`.
+    /// R factor of zero rows, with `features` columns of `X` and `outputs` columns of `Y`.
     pub fn new(features: usize, outputs: usize) -> Self {
         let order = features + outputs;
         Self { features, rows: 0, r: Mat::zeros(order, order) }
     }
 
-    /// The R factor of `rows` rows from a matrix that [`RFactor::whole`] returned.
+    /// R factor of `rows` rows from a matrix that [`RFactor::whole`] returned.
     ///
     /// # Panics
     /// If the matrix is not square, or its order is less than `features`.
@@ -49,16 +46,14 @@ impl RFactor {
         self.r.as_ref()
     }
 
-    /// The upper triangular `R`, p × p.
     pub fn r(&self) -> MatRef<'_, f64> {
         self.r.as_ref().submatrix(0, 0, self.features, self.features)
     }
 }
 
-/// Working memory for factoring row blocks, reused from block to block.
 struct Workspace {
     rows: usize,
-    /// The rows of a block, column-major.
+    /// Column-major.
     block: Vec<f64>,
     compact: Mat<f64>,
     update: Mat<f64>,
@@ -72,9 +67,9 @@ impl RFactor {
         rows_of(BLOCK_BYTES).max(rows).max(1)
     }
 
-    /// Adds `rows` rows, in blocks that fit in the cache. `fill` receives the range of rows of a
-    /// block and the columns of `[X | Y]`, column `j` at `[j·stride ..][..rows.len()]`, and must
-    /// write all elements.
+    /// Adds `rows` rows, in blocks that fit in the cache. `fill` receives a block's range of rows
+    /// and the columns of `[X | Y]`, column `j` at `[j·stride ..][..rows.len()]`, and must write
+    /// all elements.
     pub fn absorb(&mut self, rows: usize, mut fill: impl FnMut(Range<usize>, &mut [f64], usize)) {
         let mut workspace = Workspace::new(self.block_rows(), self.r.ncols());
         for start in (0..rows).step_by(workspace.rows) {
@@ -101,7 +96,7 @@ impl RFactor {
         }
     }
 
-    /// The R factor of matrices that have at most as many rows as columns.
+    /// R factor of matrices that have at most as many rows as columns.
     pub(crate) fn from_rows(x: &Mat<f64>, y: &Mat<f64>) -> Self {
         let mut r_factor = Self::new(x.ncols(), y.ncols());
         let height = x.nrows();
@@ -110,7 +105,6 @@ impl RFactor {
         r_factor
     }
 
-    /// Factors the R factor with columns of `height` rows below it; see [`RFactor::factor_below`].
     fn add_columns<'a>(
         &mut self,
         height: usize,
@@ -125,11 +119,10 @@ impl RFactor {
     }
 
     /// Factors the R factor with the rows of the workspace below it. The first `end` columns are
-    /// zero after the first `rows(end)` of those rows. Column `k` of that stack has a diagonal
-    /// element, zeros, and a column of the block, so its reflector is one on row `k` of the R
-    /// factor, zero on the other rows, and `v` on the block. The product of the reflectors of a
-    /// panel is `I − V·T·Vᵀ`, with an identity on top of `V` (the compact form of Schreiber and Van
-    /// Loan, SIAM J. Sci. Stat. Comput. 10, 1989).
+    /// zero after the first `rows(end)` of those rows. The reflector of column `k` is one on row
+    /// `k` of the R factor, zero on the other rows, and `v` on the block. The product of the
+    /// reflectors of a panel is `I − V·T·Vᵀ`, with an identity on top of `V` (the compact form of
+    /// Schreiber and Van Loan, SIAM J. Sci. Stat. Comput. 10, 1989).
     fn factor_below(&mut self, rows: impl Fn(usize) -> usize, workspace: &mut Workspace) {
         let order = self.r.nrows();
         let Workspace { rows: stride, block, compact, update, .. } = workspace;
@@ -159,8 +152,8 @@ impl RFactor {
         }
     }
 
-    /// Factors the columns of a panel, from column `start` of the stack on. Replaces them with the
-    /// reflectors and writes `T` to `compact`.
+    /// Replaces the columns of a panel, from column `start` of the stack on, with reflectors;
+    /// writes `T` to `compact`.
     fn factor_panel(&mut self, start: usize, mut panel: MatMut<'_, f64>, compact: &mut Mat<f64>) {
         let width = panel.ncols();
         for k in 0..width {

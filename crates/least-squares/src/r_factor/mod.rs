@@ -7,12 +7,11 @@
 //!               | 0  E |
 //! ```
 //!
-//! so memory does not grow with the number of rows. Further rows are put below it and the stack is
-//! factored again; two R factors merge in the same way (Demmel, Grigori, Hoemmen, Langou, SIAM J.
-//! Sci. Comput. 34, 2012). `R·C = Z` solves `min ‖X·C − Y‖`, and `EᵀE` are the sums of squares and
-//! products of the residuals, with the relative accuracy of a QR factorisation. The factorisation
-//! does not depend on the scaling of columns; rank and condition number refer to `R` with columns
-//! of norm one. There is no pivoting, because a loss of rank is an error here.
+//! so memory does not grow with the number of rows. Further rows are put below it and the stack is factored again;
+//! two R factors merge in the same way (Demmel, Grigori, Hoemmen, Langou, SIAM J. Sci. Comput. 34, 2012). `R·C = Z`
+//! solves `min ‖X·C − Y‖`, and `EᵀE` are the products of the residuals, with the relative accuracy of a QR
+//! factorisation. Rank and condition number refer to `R` with columns of norm one. There is no pivoting, because a
+//! loss of rank is an error here.
 
 mod factor;
 mod householder;
@@ -22,7 +21,6 @@ pub use self::householder::RFactor;
 
 use faer::Mat;
 
-/// The solution of a least-squares problem.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LeastSquares {
     /// `C`, p × q.
@@ -31,7 +29,6 @@ pub struct LeastSquares {
     pub factor: Mat<f64>,
     /// `(Y − X·C)ᵀ(Y − X·C)`, q × q.
     pub residual_products: Mat<f64>,
-    /// Number of rows.
     pub rows: u64,
     /// 2-norm condition number of `X` with its columns scaled to norm one.
     pub condition: f64,
@@ -39,40 +36,33 @@ pub struct LeastSquares {
     pub rank: usize,
 }
 
-/// The reason why there is no unique finite solution.
+/// Reason for the lack of a unique finite solution.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LeastSquaresError {
-    /// Fewer rows than columns.
     #[error("`{rows}` rows cannot determine `{columns}` coefficients")]
     TooFewRows {
-        /// Rows seen.
         rows: u64,
         /// Columns of `X`.
         columns: usize,
     },
-    /// The columns are linearly dependent.
     #[error("only `{rank}` of `{columns}` columns are independent")]
     RankDeficient {
-        /// Independent columns.
         rank: usize,
-        /// Columns of `X`.
         columns: usize,
         /// p × (p − rank): orthonormal directions in which equilibrated columns cancel.
         null_space: Mat<f64>,
         /// p × p: columns with the lengths and angles of the columns of `X`.
         r_factor: Box<Mat<f64>>,
     },
-    /// The columns are too nearly dependent for this method.
     #[error("the condition number is above `{limit:.1e}`, which this method cannot solve for")]
     IllConditioned {
-        /// The largest condition number, with columns scaled to norm one, that the method can solve for.
+        /// Largest condition number, with columns scaled to norm one, that the method can solve for.
         limit: f64,
     },
-    /// An iteration that does not converge.
     #[error("no answer after `{passes}` passes over the rows")]
     NotConverged {
-        /// Passes made.
+        /// Passes made over the rows.
         passes: usize,
     },
     /// A value is infinite or not a number, in the input or by overflow.
@@ -80,22 +70,19 @@ pub enum LeastSquaresError {
     NotFinite,
 }
 
-/// A penalty on the size of the coefficients.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ridge {
-    /// λ ≥ 0: minimises `‖X·C − Y‖² + λ·‖D·C‖²` with `D` the norms of the columns of `X`, so λ has
-    /// no unit and has the same effect for any number of rows.
+    /// λ ≥ 0: minimises `‖X·C − Y‖² + λ·‖D·C‖²` with the norms `D` of the columns, so λ has no unit and one effect
+    /// for any number of rows.
     pub lambda: f64,
-    /// The column that is not penalised: the intercept.
+    /// The intercept, which is not penalised.
     pub free_column: Option<usize>,
 }
 
 impl Ridge {
-    /// No penalty.
     pub const NONE: Ridge = Ridge { lambda: 0.0, free_column: None };
 
-    /// Checks that `rows` rows can determine `columns` coefficients, and that their sums are
-    /// finite.
+    /// Checks that `rows` rows can determine `columns` coefficients, and that their sums are finite.
     pub(crate) fn check(
         self,
         rows: u64,

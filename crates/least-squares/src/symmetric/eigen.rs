@@ -1,7 +1,6 @@
-//! Eigenvalues and eigenvectors, by tridiagonalisation and implicit QL steps (Bowdler, Martin,
-//! Reinsch & Wilkinson, Numer. Math. 11, 1968), accurate to a few rounding errors of the largest.
-//! The matrix of eigenvectors stays a product of Householder reflections and rotations, which
-//! transforms a few vectors at less cost than forming it.
+//! Eigenvalues and eigenvectors, by tridiagonalisation and implicit QL steps (Bowdler, Martin, Reinsch & Wilkinson,
+//! Numer. Math. 11, 1968), to a few rounding errors of the largest. Eigenvectors stay a product of Householder
+//! reflections and rotations, cheaper for a few vectors.
 
 use super::{SymmetricMatrix, add_multiple, product};
 use shell_data::vectorised;
@@ -20,7 +19,7 @@ pub struct Eigen {
 }
 
 impl SymmetricMatrix {
-    /// The eigenvalues and eigenvectors; `None` if the matrix is not finite.
+    /// `None` if the matrix is not finite.
     pub fn eigen(mut self) -> Option<Eigen> {
         let (mut values, mut beside, reflections) = tridiagonal(&mut self);
         let rotations = implicit_ql(&mut values, &mut beside)?;
@@ -29,7 +28,6 @@ impl SymmetricMatrix {
 }
 
 impl Eigen {
-    /// The eigenvector of a value.
     pub fn vector(&self, position: usize) -> Vec<f64> {
         let mut vector = vec![[0.0; TOGETHER]; self.values.len()];
         vector[position][0] = 1.0;
@@ -48,11 +46,9 @@ impl Eigen {
     }
 }
 
-/// Number of vectors that are transformed together: a rotation needs the result of the one before, so more
-/// vectors take no longer than one.
+/// Vectors transformed together: a rotation waits for the one before, so several take no longer than one.
 pub(crate) const TOGETHER: usize = 8;
 
-/// An element of each vector.
 pub(crate) type Lanes = [f64; TOGETHER];
 
 vectorised! {
@@ -108,8 +104,7 @@ fn implicit_ql(diagonal: &mut [f64], beside: &mut Vec<f64>) -> Option<Vec<(usize
     let size = diagonal.len();
     beside.resize(size, 0.0);
     let mut rotations = Vec::with_capacity(2 * size * size);
-    // The threshold is relative to the whole matrix: with low rank, the rounding errors that remain
-    // have no correct digits and do not converge.
+    // Relative to the whole matrix: with low rank, the remaining rounding errors have no digits to converge.
     let sums = diagonal.iter().zip(&*beside).map(|(d, e)| d.abs() + e.abs());
     let zero = f64::EPSILON * sums.fold(0.0, f64::max);
     for first in 0..size {
@@ -128,7 +123,7 @@ fn implicit_ql(diagonal: &mut [f64], beside: &mut Vec<f64>) -> Option<Vec<(usize
     diagonal.iter().all(|value| value.is_finite()).then_some(rotations)
 }
 
-/// One step with Wilkinson's shift, on the rows from the first to the last.
+/// Wilkinson's shift, on the rows from the first to the last.
 fn ql_step(
     diagonal: &mut [f64],
     beside: &mut [f64],
@@ -190,7 +185,6 @@ impl Reflection {
 
     #[inline(always)]
     fn apply_lanes(&self, x: &mut [Lanes]) {
-        // Four parallel sums, as in `product`.
         let mut sums = [[0.0; TOGETHER]; 4];
         let ((v, v_rest), (fours, rest)) = (self.v.as_chunks::<4>(), x.as_chunks::<4>());
         for (v, x) in v.iter().zip(fours) {

@@ -1,7 +1,6 @@
-//! Symmetric and triangular matrices with a fixed order of summation: the same bits on every
-//! machine, whereas faer's results depend on the vector width. Vectors hold neighbouring elements
-//! of a row, and products are rounded, because WebAssembly has no fused multiply-add. (Golub & Van
-//! Loan, 4th ed., §§3.1, 4.2, 5.2 and 8.3.)
+//! Symmetric and triangular matrices with a fixed order of summation, and thus the same bits on every machine; faer's
+//! results depend on the vector width. Products are rounded, because WebAssembly has no fused multiply-add. (Golub &
+//! Van Loan, 4th ed., §§3.1, 4.2, 5.2 and 8.3.)
 
 mod eigen;
 mod squares;
@@ -15,7 +14,6 @@ use shell_data::vectorised;
 /// The upper triangle of a symmetric matrix, row by row.
 #[derive(Clone, Debug)]
 pub struct SymmetricMatrix {
-    /// The order of the matrix.
     pub size: usize,
     upper: Vec<f64>,
 }
@@ -25,19 +23,16 @@ fn first(size: usize, row: usize) -> usize {
 }
 
 impl SymmetricMatrix {
-    /// The matrix with elements `element(i, j)`, `i ≤ j`.
     pub fn from_fn(size: usize, mut element: impl FnMut(usize, usize) -> f64) -> Self {
         let mut upper = Vec::with_capacity(first(size, size));
         (0..size).for_each(|i| upper.extend((i..size).map(|j| element(i, j))));
         Self { size, upper }
     }
 
-    /// The zero matrix.
     pub fn zeros(size: usize) -> Self {
         Self::from_fn(size, |_, _| 0.0)
     }
 
-    /// The identity matrix.
     pub fn identity(size: usize) -> Self {
         Self::from_fn(size, |i, j| f64::from(u8::from(i == j)))
     }
@@ -54,12 +49,10 @@ impl SymmetricMatrix {
         &mut self.upper[first(self.size, row)..][..self.size - row]
     }
 
-    /// Adds another matrix.
     pub fn add(&mut self, other: &Self) {
         add_multiple(&mut self.upper, 1.0, &other.upper);
     }
 
-    /// Computes the trace of the product with another matrix.
     pub fn trace_of_product(&self, other: &Self) -> f64 {
         let of_row = |i: usize| {
             let (own, other) = (self.row(i), other.row(i));
@@ -68,7 +61,6 @@ impl SymmetricMatrix {
         (0..self.size).map(of_row).sum()
     }
 
-    /// Computes `A·x`.
     pub fn times(&self, x: &[f64]) -> Vec<f64> {
         let mut sums = vec![0.0; self.size];
         for (i, &x_i) in x.iter().enumerate() {
@@ -79,12 +71,11 @@ impl SymmetricMatrix {
         sums
     }
 
-    /// Subtracts `x·xᵀ` for each of the vectors, whose length is the order of the matrix.
     pub fn subtract_squares(&mut self, of: &[Vec<f64>]) {
         squares::subtract_squares(self, of);
     }
 
-    /// The factor `U` of `A = Uᵀ·U`; `None` if the matrix is not positive definite in floating point.
+    /// Factor `U` of `A = Uᵀ·U`; `None` if the matrix is not positive definite in floating point.
     pub fn cholesky(mut self) -> Option<UpperTriangle> {
         factorise(&mut self).then_some(UpperTriangle(self))
     }
@@ -131,28 +122,23 @@ pub fn product(x: &[f64], y: &[f64]) -> f64 {
     (sums[0] + sums[1]) + (sums[2] + sums[3]) + rest
 }
 
-/// An upper triangular matrix.
 #[derive(Clone, Debug)]
 pub struct UpperTriangle(SymmetricMatrix);
 
 impl UpperTriangle {
-    /// The matrix with elements `element(i, j)`, `i ≤ j`.
     pub fn from_fn(size: usize, element: impl FnMut(usize, usize) -> f64) -> Self {
         Self(SymmetricMatrix::from_fn(size, element))
     }
 
-    /// The upper triangle of a square matrix.
     pub fn new(matrix: &Mat<f64>) -> Self {
         Self::from_fn(matrix.nrows(), |i, j| matrix[(i, j)])
     }
 
-    /// The full matrix, including zeros.
     pub fn matrix(&self) -> Mat<f64> {
         let element = |i, j| if i <= j { self.row(i)[j - i] } else { 0.0 };
         Mat::from_fn(self.size(), self.size(), element)
     }
 
-    /// The order of the matrix.
     #[inline]
     pub fn size(&self) -> usize {
         self.0.size
@@ -288,7 +274,7 @@ vectorised! {
         trace
     }
 
-    /// The columns are the columns of `M`, the last first.
+    /// `columns` are those of `M`, the last first.
     fn root_of_columns(columns: &mut [Vec<f64>], rows: usize) -> UpperTriangle {
         let size = columns.len();
         for k in 0..size.min(rows) {
@@ -298,7 +284,6 @@ vectorised! {
             rest.iter_mut().for_each(|column| reflection.apply(&mut column[k..]));
         }
         let last = size - 1;
-        // Rows and columns of R in reverse order.
         UpperTriangle::from_fn(size, |i, j| match columns[last - i].get(last - j) {
             Some(element) => *element,
             None => 0.0,
@@ -309,7 +294,6 @@ vectorised! {
 /// The columns of an upper triangular matrix, of lengths 1, 2, …, one per feature.
 pub type TriangularColumns = Vec<Vec<f64>>;
 
-/// The upper triangle of a matrix.
 pub fn triangular_columns(factor: MatRef<'_, f64>) -> TriangularColumns {
     (0..factor.ncols()).map(|j| (0..=j).map(|i| factor[(i, j)]).collect()).collect()
 }
@@ -404,7 +388,6 @@ mod tests {
             // Eigenvalues of either sign.
             (0..size).for_each(|i| a.row_mut(i)[0] -= shift);
             check_eigen(a);
-            // Low rank, and columns of many sizes.
             let rows = numbers.chunks(size).take(rank);
             let graded = |row: &[f64]| row.iter().enumerate().map(|(j, x)| x * 10_f64.powi(-(j as i32 % 7))).collect();
             let mut a = SymmetricMatrix::zeros(size);

@@ -1,5 +1,4 @@
-//! Subtraction of the squares `x·xᵀ` of vectors from a symmetric matrix, four at a time, in their
-//! order.
+//! Subtraction of squares `x·xᵀ` from a symmetric matrix, four at a time, in the given order.
 
 use std::ops::Range;
 

@@ -1,11 +1,10 @@
 //! Standard errors and intervals by group for a fit by Huber's M-estimator.
 //!
-//! The solution satisfies `Σ ψ(rᵢ/σ)·xᵢ = 0`, so least squares with the pseudo-responses
-//! `yᵢ* = xᵢᵀC + σ·ψ(rᵢ/σ) / mean ψ'` gives the same coefficients, and the scatter of its scores
-//! over groups is the sandwich of the M-estimator: `(Σψ'xxᵀ)⁻¹ (Σ_g s_g·s_gᵀ) (Σψ'xxᵀ)⁻¹`, with
-//! `s_g` a group's sum of `σ·ψ·x` (Huber, Robust Statistics, 1981, §7.6, with groups instead of
-//! rows). The errors on a held-out group come from a fit to all other groups and are not clipped,
-//! because an interval must cover rows as they are.
+//! The solution satisfies `Σ ψ(rᵢ/σ)·xᵢ = 0`, so least squares with the pseudo-responses `yᵢ* = xᵢᵀC + σ·ψ(rᵢ/σ) /
+//! mean ψ'` gives the same coefficients, and the scatter of its scores over groups is the sandwich of the
+//! M-estimator: `(Σψ'xxᵀ)⁻¹ (Σ_g s_g·s_gᵀ) (Σψ'xxᵀ)⁻¹`, with `s_g` a group's sum of `σ·ψ·x` (Huber, Robust
+//! Statistics, 1981, §7.6, with groups instead of rows). Errors on held-out groups are not clipped: an interval must
+//! cover rows as they are.
 
 use super::covariance::Covariance;
 use super::new_groups::{of_scores, score_of};
@@ -22,8 +21,8 @@ use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, PerAxis};
 
 impl Covariance {
-    /// The covariance of a solution by Huber's M-estimator of all rows of `block`, with errors that
-    /// are correlated within its groups. `ridge` is the requested value.
+    /// Covariance of a solution by Huber's M-estimator, with errors correlated within the groups of `block`. `ridge`
+    /// is the requested value.
     ///
     /// # Errors
     /// [`FitError`] if there are too few groups, or the model cannot be fitted without one of them.
@@ -55,12 +54,11 @@ impl Covariance {
     }
 }
 
-/// The rows by group, with the labels.
 fn grouped(block: &Block) -> (GroupedRows, Vec<String>) {
     GroupedRows::from_labels(&Dataset::from_blocks("rows", Axes::ALL, vec![block.clone()]))
 }
 
-/// The rows with pseudo-responses in place of the wrench.
+/// Rows with pseudo-responses in place of the wrench.
 fn clipped(block: &Block, solution: &Solution) -> Result<Block, FitError> {
     ReadingRanges::from_block(block, solution.model.columns())?;
     let mut predicted: PerAxis<Vec<f64>> = PerAxis::default();
@@ -79,7 +77,6 @@ fn clipped(block: &Block, solution: &Solution) -> Result<Block, FitError> {
     Ok(pseudo)
 }
 
-/// The rows of some groups.
 fn part(block: &Block, is_in: impl Fn(&String) -> bool) -> Block {
     let keep: Vec<bool> = (block.groups.iter())
         .flat_map(|(label, rows)| std::iter::repeat_n(is_in(label), *rows))
@@ -134,7 +131,6 @@ mod tests {
         // The robust fit stops at steps of 1e-8 of the standard errors; its remaining error may be some 1e-7.
         let difference = (&robust.coefficients - &again.coefficients).norm_max();
         assert!(difference < 1e-6, "{difference}");
-        // The outliers move the least-squares fit.
         let plain = fit(SolverKind::RefinedTsqr, &block);
         assert!((&robust.coefficients - &plain.coefficients).norm_max() > 0.1);
     }
@@ -159,18 +155,16 @@ mod tests {
             };
             assert_eq!(*groups, 30);
             assert!(found.intervals.as_ref().unwrap().factors(0.95).is_ok());
-            // The variance of the first coefficient of the first axis.
             factors[0].iter().map(|column| column[0] * column[0]).sum::<f64>().sqrt()
         };
         let clean = wild_block(30, 0.0);
         let ratio = errors(&clean, SolverKind::Huber) / errors(&clean, SolverKind::RefinedTsqr);
-        // For normal errors the variance of the M-estimator is 1/0.95 times as large. Thirty groups
-        // determine it to 13 % or so; both fits use the same rows.
+        // For normal errors the variance is 1/0.95 times as large. Thirty groups determine it to some 13 %; both fits
+        // use the same rows.
         assert!((0.8..1.3).contains(&ratio), "{ratio}");
         let wild = wild_block(30, 40.0);
         let ratio = errors(&wild, SolverKind::Huber) / errors(&clean, SolverKind::Huber);
-        // With 5 % outliers the variance is 1.3 times as large (Huber 1964); for plain least
-        // squares it is some tens of times as large.
+        // With 5 % outliers the variance is 1.3 times as large (Huber 1964), for least squares some tens of times.
         assert!(ratio < 2.0, "{ratio}");
         assert!(errors(&wild, SolverKind::RefinedTsqr) > 3.0 * errors(&wild, SolverKind::Huber));
     }

@@ -1,5 +1,3 @@
-//! The covariance of errors and coefficients.
-
 use crate::error::FitError;
 use std::ops::Range;
 
@@ -18,20 +16,17 @@ use crate::validation::grouped::SumsByGroup;
 use shell_data::by_axis;
 use shell_data::wrench::PerAxis;
 
-/// The covariance from which standard errors of predictions are computed.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Covariance {
-    /// `S`, the covariance of the errors of a row, in products of N and N·m.
+    /// `S`, covariance of the errors of a row, in products of N and N·m.
     #[serde(with = "by_axis::matrix")]
     pub residual: PerAxis<PerAxis<f64>>,
-    /// Number of rows minus coefficients, or number of groups minus one.
+    /// Rows minus coefficients, or groups minus one.
     pub degrees_of_freedom: u64,
-    /// The covariance of the coefficients.
     pub coefficients: CoefficientCovariance,
-    /// The distribution of the training errors, if known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shape: Option<ErrorShape>,
-    /// The fraction of the squared errors that the rows of a group share, if groups are known.
+    /// Fraction of the squared errors that the rows of a group share.
     #[serde(default, skip_serializing_if = "Option::is_none", with = "by_axis::option")]
     pub shared: Option<PerAxis<f64>>,
     /// Intervals from held-out groups, if there are few groups.
@@ -39,33 +34,26 @@ pub struct Covariance {
     pub intervals: Option<GroupIntervals>,
 }
 
-/// The covariance of the coefficients, as factors.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum CoefficientCovariance {
-    /// For errors that are independent between rows.
     Rows {
         /// `F`; multiply `F·Fᵀ` by `S[a][b]`.
         factor: TriangularColumns,
     },
-    /// For errors that are correlated within groups of rows.
     Groups {
-        /// Number of groups.
         groups: u64,
-        /// `T` for each axis.
         #[serde(with = "by_axis")]
         factors: PerAxis<TriangularColumns>,
-        /// Satterthwaite's degrees of freedom of the variance of each coefficient, the same for all
-        /// axes; absent in files of earlier versions, with a ridge, and for models of several
-        /// hundred features.
+        /// Satterthwaite's, of the variance of each coefficient, for all axes; absent in files of earlier versions,
+        /// with a ridge, and for several hundred features.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         degrees_of_freedom: Option<Vec<f64>>,
     },
 }
 
 impl Covariance {
-    /// The covariance with independent errors of rows; `None` if there are no more rows than
-    /// coefficients.
+    /// Covariance with independent errors of rows; `None` if there are no more rows than coefficients.
     pub fn from_rows(solution: &Solution) -> Option<Self> {
         let factor = &solution.factor;
         let degrees_of_freedom =
@@ -85,9 +73,9 @@ impl Covariance {
         })
     }
 
-    /// The covariance of the fit of `model` to all rows of `sums`, with errors that are correlated
-    /// within its groups. `ridge` is as in [`ExactSums::solve`](crate::exact::ExactSums::solve).
-    /// With `are_stretches`, groups are blocks of time without other differences.
+    /// Covariance of the fit of `model` to all rows of `sums`, with errors correlated within its groups; `ridge` as
+    /// in [`ExactSums::solve`](crate::exact::ExactSums::solve). `are_stretches`: groups are blocks of time without
+    /// other differences.
     ///
     /// # Errors
     /// [`FitError`] if there are too few groups, or the model cannot be fitted without one of them.
@@ -102,8 +90,8 @@ impl Covariance {
         let fit = whole.solve(model, ridge)?;
         let (found, groups) = (fit.scatter(&sums.groups, true)?, &sums.groups);
         let intervals = if are_stretches {
-            // Standard errors of the fit to all rows, which one block of time hardly changes: for
-            // poly3, 40 scatters of 39 blocks would take most of the time of a fit.
+            // From the fit to all rows, which one block of time hardly changes: 40 scatters of 39 blocks would take
+            // most of a poly3 fit's time.
             let (parts, variances) = (sums.partitioned(model)?, fit.variances(&found, groups));
             of_scores(groups.len(), workers, |group| {
                 let errors = errors_on(&parts, &groups[group].1, ridge).ok()?;
@@ -116,8 +104,8 @@ impl Covariance {
         Ok(Self::from_scatter(found, whole.rows(), intervals))
     }
 
-    /// Like [`Covariance::from_groups`], for rows that cannot be summed exactly and for other solvers. If groups
-    /// are blocks of time, `files` lists the ranges of groups that are held out together, such as whole files.
+    /// [`Covariance::from_groups`] for other rows and solvers. If groups are blocks of time, `files` lists those held
+    /// out together, such as whole files.
     ///
     /// # Errors
     /// As [`Covariance::from_groups`].
@@ -129,8 +117,7 @@ impl Covariance {
     ) -> Result<Self, FitError> {
         Self::with_intervals(groups, rows, workers, |scatter| match files {
             None => of_scores(groups.count(), workers, |group| groups.score_without(group)),
-            // Rows of one file have more in common than rows of two files. The expected error of a stretch
-            // comes from the fit to all rows.
+            // Rows of one file have more in common than of two. The fit to all rows gives a stretch's expected error.
             Some(files) => {
                 let scores = groups.scores_of_files(files, scatter, workers)?;
                 Some(GroupIntervals::from_files(&scores))
@@ -138,7 +125,6 @@ impl Covariance {
         })
     }
 
-    /// Like [`Covariance::from_fitted`], with the intervals that `intervals` computes from the scatter.
     pub(super) fn with_intervals(
         groups: &FittedGroups<'_>,
         rows: u64,
@@ -168,7 +154,7 @@ impl Covariance {
         }
     }
 
-    /// The half-width of a prediction interval of `level` in standard errors, per axis.
+    /// Half-width of a prediction interval of `level` in standard errors, per axis.
     ///
     /// # Errors
     /// [`NoIntervals`] if rows count as independent, or there are too few groups.
@@ -191,9 +177,8 @@ impl Covariance {
         }))
     }
 
-    /// The degrees of freedom of the variance `‖Tᵀx‖²` that the coefficients contribute to a
-    /// combination `x` of features, per axis: exact for a single coefficient, otherwise the
-    /// harmonic mean over the coefficients, weighted by the variance that each contributes alone.
+    /// Degrees of freedom of the variance `‖Tᵀx‖²` of a combination `x` of features, per axis: exact for a single
+    /// coefficient, otherwise the harmonic mean over the coefficients, weighted by the variance of each alone.
     pub fn degrees_of_combination(&self, x: &[f64]) -> PerAxis<f64> {
         let all = self.degrees_of_freedom as f64;
         let CoefficientCovariance::Groups { factors, degrees_of_freedom: Some(each), .. } =
@@ -214,7 +199,6 @@ impl Covariance {
         })
     }
 
-    /// Standard deviation of the residuals, per axis, in N and N·m.
     pub fn residual_sd(&self) -> PerAxis<f64> {
         std::array::from_fn(|axis| self.residual[axis][axis].sqrt())
     }

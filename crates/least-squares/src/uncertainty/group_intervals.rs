@@ -5,8 +5,8 @@
 //! rest, for a new group, is at infinity. The quantile of level L covers the score of a row of a
 //! new group with a probability of at least L, for any distribution of errors, if groups are
 //! exchangeable (Lee, Barber & Willett, arXiv:2306.06342, hierarchical conformal prediction; Lei et
-//! al., J. Am. Stat. Assoc. 113, 2018, §2.2 and 5.2, with one row per group). With models trained
-//! without a fold instead of a single group, the coverage is nearly the same.
+//! al., J. Am. Stat. Assoc. 113, 2018, §2.2 and 5.2, with one row per group). Models trained
+//! without a fold instead of a single group cover nearly the same.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -20,11 +20,10 @@ pub const LEVELS: [f64; 10] = [0.5, 0.683, 0.8, 0.9, 0.95, 0.975, 0.99, 0.995, 0
 /// Numbers of standard errors that contain given fractions of the errors on new groups.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct GroupIntervals {
-    /// Number of groups that were held out.
     pub groups: usize,
-    /// The [`LEVELS`] for which there are enough groups.
+    /// [`LEVELS`] for which there are enough groups.
     pub levels: Vec<f64>,
-    /// For each axis and level, the number of standard errors.
+    /// Number of standard errors, per axis and level.
     #[serde(with = "shell_data::by_axis")]
     pub factors: PerAxis<Vec<f64>>,
 }
@@ -36,11 +35,8 @@ pub struct GroupIntervals {
     100.0 * level
 )]
 pub struct TooFewGroups {
-    /// The requested level.
     pub level: f64,
-    /// Number of groups that it needs.
     pub needed: usize,
-    /// Number of groups available.
     pub groups: usize,
 }
 
@@ -61,15 +57,14 @@ impl Scores {
         }
     }
 
-    /// The scores of all groups except `groups`.
     pub fn without(&self, groups: &BTreeSet<u64>) -> Self {
         let others = self.0.iter().filter(|(group, _)| !groups.contains(group));
         Self(others.map(|(&group, scores)| (group, scores.clone())).collect())
     }
 
-    /// Divides the scores of each axis by their root mean square, with the same weight for each
-    /// group. The existing standard errors count as `prior` groups with a mean square of one.
-    /// Returns the divisors.
+    /// Divides the scores of each axis by their root mean square, with equal weights of groups; the
+    /// existing standard errors count as `prior` groups with a mean square of one. Returns the
+    /// divisors.
     pub fn rescale(&mut self, prior: f64) -> PerAxis<f64> {
         let count = prior + self.0.len() as f64;
         let mean_square = |scores: &Vec<f64>| {
@@ -84,7 +79,6 @@ impl Scores {
         })
     }
 
-    /// Computes the intervals.
     pub fn intervals(&self) -> GroupIntervals {
         let groups = self.0.len();
         let levels = levels_known(groups);
@@ -131,7 +125,6 @@ fn size_that_holds(scores: &[GroupScore], axis: usize, level: f64) -> f64 {
     if mass(at) < level - 1e-9 {
         return f64::INFINITY;
     }
-    // Each step halves the interval; sixty exhaust the digits.
     for _ in 0..60 {
         let middle = 0.5 * (below + at);
         if mass(middle) < level - 1e-9 { below = middle } else { at = middle }
@@ -139,9 +132,8 @@ fn size_that_holds(scores: &[GroupScore], axis: usize, level: f64) -> f64 {
     at
 }
 
-/// The share of the variance of values that lies between files rather than within them: the
-/// intraclass correlation of the analysis of variance (Searle, Casella & McCulloch, Variance
-/// Components, 1992, §3.6), from 0 to 1.
+/// Share of the variance that lies between files: the intraclass correlation of the analysis of
+/// variance (Searle, Casella & McCulloch, Variance Components, 1992, §3.6), from 0 to 1.
 fn share_between(files: &[Vec<f64>]) -> f64 {
     let sizes = || files.iter().map(|file| file.len() as f64);
     let (n, count) = (sizes().sum::<f64>(), files.len() as f64);
@@ -184,8 +176,8 @@ fn quantiles(scores: &[(f64, f64)], levels: &[f64]) -> Vec<f64> {
 
 impl GroupIntervals {
     /// Computes the intervals from the errors of every held-out group in standard errors: magnitude
-    /// of the mean, and scatter around it, assumed to be normal. Interpolates linearly between the
-    /// levels `k/(G + 1)` that G groups provide; omits levels that need more.
+    /// of the mean, and scatter around it, assumed normal. Interpolates linearly between the levels
+    /// `k/(G + 1)`; omits higher ones.
     pub fn from_groups(scores: &[GroupScore]) -> Self {
         let groups = scores.len();
         let mut levels = levels_known(groups);
@@ -201,11 +193,10 @@ impl GroupIntervals {
     }
 
     /// Computes the intervals from the errors on blocks of time of held-out files, in standard
-    /// errors. Blocks of one file may have more in common than blocks of two: the share ρ of their
-    /// squared errors that differs from file to file is known from as many observations as there
-    /// are files. With F files, squared sizes are therefore larger by `1 + ρ·((t/z)² − 1)`, with
-    /// the quantiles t of Student's distribution with F − 1 degrees of freedom and z of the normal
-    /// distribution.
+    /// errors. The share ρ of their squared errors that differs from file to file is known from as
+    /// many observations as there are files. With F files, squared sizes are therefore larger by
+    /// `1 + ρ·((t/z)² − 1)`, with the quantiles t of Student's distribution with F − 1 degrees of
+    /// freedom and z of the normal distribution.
     pub fn from_files(scores: &[Vec<GroupScore>]) -> Self {
         let mut intervals = Self::from_groups(&scores.concat());
         if scores.len() < 2 {
@@ -224,7 +215,7 @@ impl GroupIntervals {
         intervals
     }
 
-    /// The half-width of an interval of this level in standard errors, per axis.
+    /// Half-width of an interval of this level in standard errors, per axis.
     ///
     /// # Errors
     /// [`TooFewGroups`].

@@ -2,9 +2,8 @@
 //!
 //! For normal errors that is the quantile of Student's t. Where the model does not fit, such as at
 //! a hard tap or an extreme pose, errors are far larger, and normal intervals cover too much (97 %
-//! instead of 95 %, on the sensor model). So the shape is measured. Let `q(L)` be the size below
-//! which a share L of the training errors lies, over their root mean square. The interval of level
-//! L is
+//! instead of 95 %, on the sensor model). Let `q(L)` be the size below which a share L of the
+//! training errors lies, over their root mean square. The interval of level L is
 //!
 //! ```text
 //! prediction ± q(L)·t_ν(L)/z(L)·se
@@ -20,36 +19,32 @@ use shell_data::wrench::PerAxis;
 
 const LEVELS: [f64; 12] = [0.1, 0.25, 0.5, 0.683, 0.8, 0.9, 0.95, 0.975, 0.99, 0.995, 0.998, 0.999];
 
-/// The highest level of an interval; higher levels would depend on a handful of rows.
+/// Highest level of an interval; higher ones would depend on a handful of rows.
 pub const HIGHEST_LEVEL: f64 = 0.999;
 
-/// The reason why there is no interval.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum NoIntervals {
-    /// Rows of one pose are correlated; if each row counts as an observation, intervals have far
-    /// too little coverage.
+    /// Rows of one pose are correlated: counted as observations, they would cover far too little.
     #[error(
         "no groups were held out, so an interval would be too narrow: rows of one pose are not independent"
     )]
     IndependentRows,
-    /// There are too few groups.
     #[error(transparent)]
     TooFewGroups(#[from] TooFewGroups),
 }
 
-/// The distribution of error sizes relative to their root mean square.
+/// Error sizes relative to their root mean square.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ErrorShape {
-    /// Fractions of the errors, ascending, above 0 and below 1.
+    /// Ascending, above 0 and below 1.
     pub levels: Vec<f64>,
-    /// For each axis and level, the size below which that fraction lies.
+    /// Size below which that fraction lies, for each axis and level.
     #[serde(with = "shell_data::by_axis")]
     pub quantiles: PerAxis<Vec<f64>>,
 }
 
 impl ErrorShape {
-    /// The shape from sizes in units of `unit[axis]`; `rms` is their root mean square, in N and
-    /// N·m.
+    /// Shape of sizes in units of `unit[axis]`; `rms` is their root mean square, in N and N·m.
     pub fn from_errors(
         sizes: &PerAxis<Magnitudes>,
         unit: &PerAxis<f64>,
@@ -79,7 +74,6 @@ impl ErrorShape {
         below.1 + (at.1 - below.1) * (z - below.0) / (at.0 - below.0)
     }
 
-    /// Checks that levels and quantiles are consistent.
     pub fn check(&self) -> Result<(), &'static str> {
         let mut levels = std::iter::once(&0.0).chain(&self.levels);
         let mut next = self.levels.iter();

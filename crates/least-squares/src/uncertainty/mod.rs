@@ -1,20 +1,19 @@
 //! Standard errors of converted samples.
 //!
 //! With residual covariance `S` over the axes and `F·Fᵀ = (XᵀX)⁻¹`, the covariance of the
-//! coefficients of axes `a` and `b` is `S[a][b]·F·Fᵀ`. The error of a new sample with features `x`
-//! consists of noise and of the error of the coefficients. A tare subtracts the mean of `n` frames
-//! with mean features `x₀`, which adds their noise and removes the common part of both (Draper &
-//! Smith, Applied Regression Analysis, 3rd ed., §1.4, §8.1):
+//! coefficients of axes `a` and `b` is `S[a][b]·F·Fᵀ`. A new sample with features `x` has noise and
+//! the error of the coefficients. A tare subtracts the mean of `n` frames with mean features `x₀`,
+//! which adds their noise and removes the common part of both (Draper & Smith, Applied Regression
+//! Analysis, 3rd ed., §1.4, §8.1):
 //!
 //! ```text
 //! untared   se² = S[a][a]·(1 + ‖Fᵀx‖²)
 //! tared     se² = S[a][a]·(1 + 1/n + ‖Fᵀ(x − x₀)‖²)
 //! ```
 //!
-//! This holds for errors that are independent between rows. Rows of one pose are not: they share
-//! place, creep and angle. If rows come in groups, each axis `a` has a separate covariance, `T·Tᵀ`,
-//! from the scatter of the groups (see [`GroupScatter`](crate::sandwich::GroupScatter)), and
-//!
+//! This holds for errors that are independent between rows. Rows of one pose share place, creep and
+//! angle. With groups, each axis `a` has a separate covariance, `T·Tᵀ`, from the scatter of the
+//! groups (see [`GroupScatter`](crate::sandwich::GroupScatter)), and
 //! ```text
 //! untared   se² = S[a][a] + ‖Tᵀx‖²
 //! tared     se² = S[a][a]·(1 + ρ + (1 − ρ)/n) + ‖Tᵀ(x − x₀)‖²

@@ -1,6 +1,5 @@
-//! Intervals of polynomials from errors on held-out groups. The score of a group is the error there
-//! of the fit without it, in standard errors of that fit: the mean over its rows, and the scatter
-//! around it, assumed to be normal. Both come from the sums of the group. [`GroupIntervals`]
+//! Intervals of polynomials from held-out groups. The score of a group is the error there of the fit without it, in
+//! standard errors of that fit: the mean over its rows and the scatter around it, assumed normal. [`GroupIntervals`]
 //! derives intervals from the scores.
 
 use super::group_intervals::{GroupIntervals, GroupScore};
@@ -11,9 +10,8 @@ use crate::passes::{Workers, map};
 use crate::sandwich::GroupScatter;
 use shell_data::wrench::PerAxis;
 
-/// Maximum number of groups with scores. With more groups, the scatter of the groups and the shape
-/// of the training errors are sufficient (intervals of 95 % contain 95.0 to 95.7 % of the sensor
-/// model's errors from 60 groups on), and one fit per group would take long.
+/// Most groups with scores. For more, the scatter of the groups and the shape of the training errors suffice
+/// (intervals of 95 % contain 95.0 to 95.7 % of the sensor model's errors from 60 groups on), and fits take long.
 pub(super) const MOST_GROUPS: usize = 50;
 
 /// The intervals from the `score` of each group; `None` if there are too many, or only one.
@@ -32,8 +30,7 @@ pub(super) fn of_scores(
     Some(GroupIntervals::from_groups(&scores))
 }
 
-/// Mean and scatter of the errors of a group, in standard errors, from the fit to all others; `None` if that
-/// is impossible.
+/// Mean and scatter of a group's errors, in standard errors of the fit to all others; `None` if that is impossible.
 pub(super) fn score_without(
     total: &ExactSums,
     groups: &[(String, ExactSums)],
@@ -48,8 +45,7 @@ pub(super) fn score_without(
     Some(score_of(&errors, &variances[0], &scatter, fit.solution.rows))
 }
 
-/// Returns the score of a group against the fit to `rows` other rows. `variance`
-/// is the variance of its rows that comes from the coefficients.
+/// Score of a group against the fit to `rows` other rows. `variance` is that of its rows due to the coefficients.
 pub(crate) fn score_of(
     errors: &PerAxis<HeldOutErrors>,
     variance: &PerAxis<f64>,
@@ -112,8 +108,7 @@ mod tests {
         sums.finish([worker]).unwrap()
     }
 
-    /// The variances of predictions: the variance of a row plus the contribution of the
-    /// coefficients.
+    /// Variances of predictions: that of a row plus the contribution of the coefficients.
     fn variances(
         polynomial: &Polynomial,
         covariance: &Covariance,
@@ -183,8 +178,7 @@ mod tests {
         let (all, without) = (intervals(true), intervals(false));
         let (all, without) = (all.factors(0.95).unwrap(), without.factors(0.95).unwrap());
         for (all, without) in all.into_iter().zip(without) {
-            // One block of time has a fortieth of the variance; with an error of two standard
-            // errors, a tenth.
+            // One block of time has a fortieth of the variance; with an error of two standard errors, a tenth.
             assert!(all <= without && all > 0.94 * without, "{all} {without}");
         }
     }

@@ -9,8 +9,8 @@ pub(super) fn normal_quantile(level: f64) -> f64 {
 
 /// The size below which a fraction `level` of magnitudes with Student's t distribution lies.
 pub fn student_quantile(level: f64, degrees_of_freedom: f64) -> f64 {
-    /// Above this number, the series is exact to 10⁻¹⁵. The search for the quantile, whose function is flat
-    /// at this scale, loses digits (three remain at 4·10⁶ degrees) and eventually does not terminate.
+    /// Above this number, the series is exact to 10⁻¹⁵. The search for the quantile loses digits on its flat function
+    /// (three remain at 4·10⁶ degrees) and eventually does not terminate.
     const MANY: f64 = 1e5;
     if degrees_of_freedom > MANY {
         // Abramowitz & Stegun, 26.7.5.

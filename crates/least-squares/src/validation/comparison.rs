@@ -1,9 +1,8 @@
 //! Comparison of two models by their errors on the same groups.
 //!
-//! Folds that are hard for one model are mostly hard for the other, so the difference is known more
-//! precisely than either error (Dietterich, Neural Computation 10, 1998, on paired tests). The
-//! ratio of root mean square errors on a fold, averaged over the folds with their rows as weights,
-//! is compared: the hardest fold would dominate a mean of squared errors.
+//! Folds that are hard for one model are mostly hard for the other, so the difference is known better than either
+//! error (Dietterich, Neural Computation 10, 1998, on paired tests). The ratio of root mean square errors, averaged
+//! over folds by rows, is compared: the hardest fold would dominate a mean of squared errors.
 
 use std::fmt;
 
@@ -11,32 +10,28 @@ use crate::held_out_errors::HeldOutErrors;
 use crate::quality::significant;
 use shell_data::wrench::PerAxis;
 
-/// Relative to the standard deviation of the loads, smaller errors are rounding and do not count.
+/// Smaller errors, relative to the standard deviation of the loads, are rounding and do not count.
 const NO_ERROR: f64 = 1e-8;
 
-/// The errors of two models on the same held-out rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Comparison {
     /// Root mean square errors of both over all rows, in N and N·m.
     pub rms: [PerAxis<f64>; 2],
-    /// The mean logarithm of the error ratio on each axis.
+    /// Mean logarithm of the error ratio on each axis.
     pub axes: PerAxis<FoldMean>,
-    /// The geometric mean over the axes.
+    /// Geometric mean over the axes.
     pub all: FoldMean,
 }
 
-/// A mean over folds and its standard error.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FoldMean {
-    /// The mean, weighted by the rows of the folds.
+    /// Weighted by the rows of the folds.
     pub value: f64,
-    /// The standard error of the mean.
     pub standard_error: f64,
 }
 
 impl FoldMean {
-    /// Computes the mean from the rows and the value of each fold (Cochran, Sampling Techniques,
-    /// 3rd ed., §6.3, for a ratio).
+    /// Mean from the rows and the value of each fold (Cochran, Sampling Techniques, 3rd ed., §6.3, for a ratio).
     pub fn new(folds: &[(u64, f64)]) -> Self {
         let total: f64 = folds.iter().map(|(rows, _)| *rows as f64).sum();
         let share = |rows: u64| rows as f64 / total;
@@ -47,27 +42,24 @@ impl FoldMean {
         Self { value, standard_error: (spread * n / (n - 1.0)).sqrt() }
     }
 
-    /// Returns true if, by a log ratio of errors, the first is smaller by more than a standard
-    /// error.
+    /// Returns true if the first error is smaller by more than a standard error of the log ratio.
     pub fn first_is_better(self) -> bool {
         self.value < -self.standard_error
     }
 
-    /// Returns true if, by a log ratio of errors, the second is smaller by more than a standard
-    /// error.
+    /// Returns true if the second error is smaller by more than a standard error of the log ratio.
     pub fn second_is_better(self) -> bool {
         self.value > self.standard_error
     }
 
-    /// The log ratio with the models exchanged.
+    /// Log ratio with the models exchanged.
     #[must_use]
     pub fn reversed(self) -> Self {
         Self { value: -self.value, ..self }
     }
 }
 
-/// Formats a log ratio of errors: the percentage by which the error of the first model is smaller
-/// or larger.
+/// Formats a log ratio as the percentage by which the error of the first model is smaller or larger.
 impl fmt::Display for FoldMean {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let ratio = libm::exp(self.value);
@@ -78,8 +70,7 @@ impl fmt::Display for FoldMean {
 }
 
 impl Comparison {
-    /// Compares the errors on each fold, in the same order for both models. `variances` are the
-    /// variances of the measured wrench, in squares of N and N·m.
+    /// Compares the errors on each fold, in one order. `variances`: measured wrench, squares of N and N·m.
     ///
     /// # Panics
     /// If the numbers of folds differ, or are below two.
@@ -105,7 +96,7 @@ pub(super) fn varying(variances: &PerAxis<f64>) -> Vec<usize> {
     (0..6).filter(|&axis| variances[axis] > 0.0).collect()
 }
 
-/// The errors of a model on folds, relative to the standard deviation of the loads.
+/// Errors on folds, relative to the standard deviation of the loads.
 pub(super) struct RelativeErrors {
     folds: Vec<(u64, PerAxis<f64>)>,
     means: PerAxis<f64>,
@@ -125,13 +116,11 @@ impl RelativeErrors {
         Self { means: std::array::from_fn(mean), folds }
     }
 
-    /// The natural logarithm of the mean over the folds, and its standard error; for several axes,
-    /// of the geometric mean.
+    /// Logarithm of the mean over the folds, and its standard error; of the geometric mean of several axes.
     pub(super) fn log(&self, axes: &[usize]) -> FoldMean {
         FoldMean { value: self.log_mean(axes), ..FoldMean::new(&self.shares(axes)) }
     }
 
-    /// The logarithm of the ratio to the errors of another model on the same folds.
     fn log_ratio(&self, other: &Self, axes: &[usize]) -> FoldMean {
         let (own, others) = (self.shares(axes), other.shares(axes));
         let apart = own.iter().zip(&others).map(|((rows, own), (_, other))| (*rows, own - other));
@@ -143,7 +132,7 @@ impl RelativeErrors {
         axes.iter().map(|&axis| libm::log(self.means[axis])).sum::<f64>() / axes.len().max(1) as f64
     }
 
-    /// The error on each fold relative to the mean, averaged over some axes.
+    /// Error on each fold relative to the mean, averaged over some axes.
     fn shares(&self, axes: &[usize]) -> Vec<(u64, f64)> {
         let share = |(rows, errors): &(u64, PerAxis<f64>)| {
             let of = axes.iter().map(|&axis| errors[axis] / self.means[axis]);
@@ -176,7 +165,6 @@ mod tests {
         assert!((found.rms[0][0] - (14.0 / 3.0_f64).sqrt()).abs() < 1e-15);
     }
 
-    /// One fold that is far from the others must not decide alone.
     #[test]
     fn a_model_that_is_better_on_all_folds_but_the_hardest_is_better() {
         let first = [0.8, 0.7, 0.8, 0.7, 0.8, 0.7, 0.8, 6.2].map(fold);

@@ -8,14 +8,12 @@ use crate::model::Model;
 use crate::uncertainty::student_quantile;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// The ratio of the error on new groups to the error of a random split above which a warning about
-/// similar rows in groups is justified.
+/// Ratio of the error on new groups to that of a random split above which rows in groups are suspiciously similar.
 pub const SUSPICIOUS_RATIO: f64 = 2.0;
 
 /// Errors on held-out rows, on one axis, in N or N·m.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct HeldOutQuality {
-    /// Root mean square.
     pub rms: f64,
     /// Mean, predicted minus measured.
     pub bias: f64,
@@ -27,33 +25,29 @@ impl From<HeldOutErrors> for HeldOutQuality {
     }
 }
 
-/// The result of a cross-validation. Errors are over all held-out rows, each counted once.
+/// Errors over all held-out rows, each counted once.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct CrossValidation {
-    /// Number of groups.
     pub groups: usize,
-    /// Number of folds of groups, each held out once; as many as groups in leave-one-group-out.
+    /// Each held out once; as many as groups in leave-one-group-out.
     pub folds: usize,
-    /// Number of rows.
     pub rows: u64,
-    /// The groups without which the model cannot be fitted; `grouped` excludes them.
+    /// Groups without which the model cannot be fitted; `grouped` excludes them.
     pub undetermined: Vec<String>,
-    /// Errors on held-out groups.
     #[serde(with = "shell_data::by_axis")]
     pub grouped: PerAxis<HeldOutQuality>,
-    /// Number of random parts of the rows that were held out in turn; 0 if there were none.
+    /// Random parts of the rows held out in turn; 0 without any.
     pub random_folds: usize,
-    /// Errors on rows that were held out at random; `None` if not requested or not possible.
+    /// Errors on rows held out at random; `None` if not requested or not possible.
     #[serde(with = "shell_data::by_axis::option")]
     pub random: Option<PerAxis<HeldOutQuality>>,
-    /// Errors on each fold; not stored in documents.
+    /// Not stored in documents.
     #[serde(skip)]
     pub by_fold: Vec<PerAxis<HeldOutErrors>>,
 }
 
 impl CrossValidation {
-    /// Combines the errors on folds, each with the labels of its groups, given the numbers of
-    /// groups and rows.
+    /// Combines the errors on folds, with the labels of their groups, and the numbers of groups and rows.
     ///
     /// # Errors
     /// The error of a fold, if no fold could be held out.
@@ -88,7 +82,6 @@ impl CrossValidation {
         }
     }
 
-    /// Adds the errors on folds of randomly drawn rows, if they are known.
     pub fn beside_random(
         self,
         random_folds: usize,
@@ -99,14 +92,13 @@ impl CrossValidation {
         Self { random_folds, random, ..self }
     }
 
-    /// Removes the errors by fold, as in a document.
     #[must_use]
     pub fn without_folds(self) -> Self {
         Self { by_fold: Vec::new(), ..self }
     }
 
-    /// The factor between the error of a new fold and the mean error that is not exceeded with 95 %
-    /// probability, from the scatter between the folds; `None` with one fold.
+    /// Factor between the errors of a new fold and the mean that holds with 95 % probability, from the scatter of
+    /// folds; `None` for one.
     pub fn spread(&self) -> Option<PerAxis<f64>> {
         let n = self.by_fold.len() as f64;
         if n < 2.0 {
@@ -123,7 +115,7 @@ impl CrossValidation {
         }))
     }
 
-    /// The ratio of the grouped error to the random error for each axis; `None` without a random error.
+    /// Grouped error over random error; `None` without a random error.
     pub fn ratios(&self) -> PerAxis<Option<f64>> {
         std::array::from_fn(|axis| {
             let random = self.random?[axis].rms;
@@ -131,7 +123,7 @@ impl CrossValidation {
         })
     }
 
-    /// The axis with the largest ratio, and the ratio, if it exceeds [`SUSPICIOUS_RATIO`].
+    /// Axis with the largest ratio, if it exceeds [`SUSPICIOUS_RATIO`].
     pub fn suspicious(&self) -> Option<(Axis, f64)> {
         let ratios = self.ratios();
         let known = Axis::ALL.iter().filter_map(|&axis| Some((axis, ratios[axis.index()]?)));
@@ -139,9 +131,8 @@ impl CrossValidation {
     }
 }
 
-/// Fits `model` without each group, or without each of `folds` folds of groups (see
-/// [`assign_groups`]), and computes the errors there; likewise for the rows that were assigned at
-/// random. `ridge` is as in [`ExactSums::solve`].
+/// Fits `model` without each group, or each of `folds` folds of groups (see [`assign_groups`]), and without random
+/// rows, and computes the errors there. `ridge` is as in [`ExactSums::solve`].
 ///
 /// # Errors
 /// [`FitError`] if there are too few groups, or no fold leaves enough rows to fit.
@@ -165,12 +156,10 @@ pub fn cross_validate(
         .beside_random(sums.random.len(), at_random.collect()))
 }
 
-/// The labels of some of `groups`.
 pub fn labels_of<T>(groups: &[(String, T)], positions: &[usize]) -> Vec<String> {
     positions.iter().map(|&group| groups[group].0.clone()).collect()
 }
 
-/// The errors on some rows of a fit to all others.
 pub fn errors_on(
     parts: &PartitionedSums<'_>,
     held_out: &ExactSums,
@@ -179,7 +168,6 @@ pub fn errors_on(
     parts.held_out(held_out, &parts.part(held_out), ridge)
 }
 
-/// The number of rows of each group.
 pub fn sizes(sums: &SumsByGroup) -> Vec<u64> {
     sums.groups.iter().map(|(_, moments)| moments.rows()).collect()
 }
@@ -195,8 +183,7 @@ pub(super) fn assign_to_folds(
     }
 }
 
-/// Assigns groups with these numbers of rows to folds of about equal size: the largest first, each
-/// into the fold with the fewest rows. Returns the positions of the groups.
+/// Assigns groups with these numbers of rows to even folds: largest first, each to the fold with fewest rows.
 ///
 /// # Errors
 /// [`FitError::Folds`] unless there are at least two folds and at most as many as groups.

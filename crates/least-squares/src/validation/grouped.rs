@@ -1,16 +1,14 @@
 //! Sums of rows, group by group, in one pass.
 //!
-//! Rows are also assigned to random folds, for comparison. All sums are exact: those of the groups,
-//! and of the random folds, add up to the sums of all rows bit for bit, in any order. Every worker
-//! thread has a [`GroupWorker`], which sums rows by group without locks. With its blocks it hands
-//! over the sums of the groups that it has not seen for the longest time to the [`GroupSums`] of
-//! the caller, and the rest at the end.
+//! Rows are also assigned to random folds, for comparison. All sums are exact: those of the groups, and of the folds,
+//! add up to the sums of all rows bit for bit, in any order. Every worker thread has a [`GroupWorker`], which sums
+//! without locks. With its blocks it hands over the groups unseen for the longest time to the [`GroupSums`] of the
+//! caller, the rest at the end.
 //!
-//! A group takes about 16 bytes for each distinct sum and some 50 for each sum with a wrench (under
-//! 150 kB for eight channels and poly3, 20 kB for the cubic model). In each worker that has met the
-//! group, up to 256 rows wait to be summed together, and at most `MAX_OPEN` groups also have
-//! working sums. There may be [`MAX_GROUPS`] groups, or any number in as many sets, see
-//! [`Apart::Sets`].
+//! A group takes about 16 bytes for each distinct sum and some 50 for each sum with a wrench (under 150 kB for eight
+//! channels and poly3, 20 kB for the cubic model). In each worker that has met it, up to 256 rows wait to be summed
+//! together, and at most `MAX_OPEN` groups have working sums. There may be [`MAX_GROUPS`] groups, or any number in as
+//! many sets, see [`Apart::Sets`].
 
 use crate::error::FitError;
 use std::borrow::Cow;
@@ -31,14 +29,13 @@ use shell_data::dataset::LabelRuns;
 pub struct GroupSums {
     empty: GroupWorker,
     labels: Vec<Arc<str>>,
-    /// The sums of every group, and of those folds that have been handed over.
+    /// Sums of every group, and of the folds that have been handed over.
     sums: BTreeMap<SummedRows, Option<ExactSums>>,
     assigned: HashSet<u64>,
 }
 
 impl GroupSums {
-    /// Starts with zero rows, for `basis` and the bases within it. `apart` selects separate sums
-    /// for groups or sets; `random` defines the random folds.
+    /// Starts with zero rows, for `basis` and the bases within it. `apart` selects groups or sets.
     pub fn new(basis: Basis, channels: usize, apart: Apart, random: RandomSplit) -> Self {
         let (sums, open) = (BTreeMap::new(), VecDeque::new());
         let adder = Adder::new(basis, channels);
@@ -50,12 +47,11 @@ impl GroupSums {
         }
     }
 
-    /// Number of groups, or sets of groups, so far.
+    /// Number of groups or sets so far.
     pub fn group_count(&self) -> usize {
         self.labels.len()
     }
 
-    /// A worker without rows.
     pub fn worker(&self) -> GroupWorker {
         self.empty.clone()
     }
@@ -63,8 +59,7 @@ impl GroupSums {
     /// Adds the sums that a worker hands over with a block. Call it in the order of the blocks.
     ///
     /// # Errors
-    /// [`FitError::NotExact`] if the rows cannot be summed exactly together with earlier rows;
-    /// [`FitError::TooManyGroups`].
+    /// [`FitError::NotExact`] if rows cannot be summed exactly with earlier ones; [`FitError::TooManyGroups`].
     pub fn add(&mut self, block: BlockGroups) -> Result<(), FitError> {
         for label in block.labels {
             let Entry::Vacant(new) = self.sums.entry(SummedRows::Group(label.clone())) else {
@@ -114,21 +109,17 @@ impl GroupSums {
     }
 }
 
-/// The definition of a group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum GroupKind {
-    /// The rows of a file.
     File,
     /// The rows with one label in the group column of the logs.
     Column,
 }
 
 impl GroupKind {
-    /// Both kinds.
     pub const ALL: [Self; 2] = [Self::File, Self::Column];
 
-    /// The name in options and documents.
     pub fn name(self) -> &'static str {
         match self {
             Self::File => "file",
@@ -137,14 +128,12 @@ impl GroupKind {
     }
 }
 
-/// Sums over all rows, separately by group.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SumsByGroup {
-    /// Label and sums of each group, in the order of their first rows.
+    /// In the order of their first rows.
     pub groups: Vec<(String, ExactSums)>,
-    /// Number of groups; more than `groups` contains if sets of groups were summed.
+    /// More than the length of `groups` if sets of groups were summed.
     pub group_count: usize,
-    /// The sums of random folds of the same rows.
     pub random: Vec<ExactSums>,
     total: Option<ExactSums>,
 }
@@ -168,8 +157,7 @@ impl SumsByGroup {
     /// The sums of all rows, prepared for fits without groups.
     ///
     /// # Errors
-    /// [`FitError`] if there are fewer than two groups, or the features of the model were not
-    /// summed.
+    /// [`FitError`] if there are fewer than two groups, or features of the model were not summed.
     pub(crate) fn partitioned(&self, model: &Model) -> Result<PartitionedSums<'_>, FitError> {
         PartitionedSums::new(self.all_of_several()?, model)
     }
@@ -220,7 +208,6 @@ pub enum Apart {
     Sets,
 }
 
-/// Sums by group of the rows of one worker thread.
 #[derive(Clone, Debug)]
 pub struct GroupWorker {
     channels: usize,
@@ -243,17 +230,14 @@ pub(super) enum SummedRows {
 #[must_use]
 pub struct BlockGroups {
     pub(super) labels: Vec<Arc<str>>,
-    /// A hash of each group, if groups are assigned to sets.
+    /// Hash of each group, if groups are assigned to sets.
     pub(super) assigned: Vec<u64>,
     pub(super) settled: Vec<(SummedRows, ExactSums)>,
 }
 
 impl GroupWorker {
-    /// Adds the labelled rows of a block.
-    ///
     /// # Errors
-    /// [`FitError::NotExact`] if they cannot be summed exactly together with earlier rows;
-    /// [`FitError::TooManyGroups`].
+    /// [`FitError::NotExact`] if rows cannot be summed exactly with earlier ones; [`FitError::TooManyGroups`].
     pub fn add(
         &mut self,
         block: &Block,
@@ -320,8 +304,7 @@ impl GroupWorker {
     }
 }
 
-/// Replaces group labels with set labels. Also returns the hashes of the groups. A label always
-/// belongs to the same set.
+/// Replaces group labels with set labels, always alike for one label. Also returns the hashes of the groups.
 fn assign_to_sets(runs: &[(String, usize)]) -> (Option<LabelRuns>, Vec<u64>) {
     let assign = |(label, rows): &(String, usize)| {
         // FNV-1a with a final mix, because its high bits are poor for short labels.

@@ -1,12 +1,11 @@
 //! Errors on held-out rows, and the choice of a model by these errors.
 //!
 //! Rows of one recording, or of one pose, resemble each other, so a random split tests a model on
-//! rows much like its training rows. Therefore rows are held out by group: [`grouped`] sums them
-//! group by group in one pass, [`cross_validation`] fits without each group and computes the errors
-//! on it from those sums, and [`selection`] compares models by these errors. Without exact sums,
-//! subtracting a group from the total would cancel: [`factored`] merges the R factors of the other
-//! groups, and [`normal_equations`] adds up their normal equations for choices that need only three
-//! digits.
+//! rows much like its training rows. Rows are therefore held out by group: [`grouped`] sums them in
+//! one pass, [`cross_validation`] fits without each group from those sums, and [`selection`]
+//! compares models. Without exact sums, subtracting a group would cancel: [`factored`] merges the R
+//! factors of the other groups, and [`normal_equations`] adds up theirs for choices that need only
+//! three digits.
 
 pub mod comparison;
 pub mod cross_validation;

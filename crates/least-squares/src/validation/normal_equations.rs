@@ -1,14 +1,14 @@
 //! Held-out errors from the normal equations of each fold, for rows that cannot be summed exactly.
 //!
-//! Each fold is reduced to `[X | W]ᵀ[X | W]`. The sum over all other folds gives the normal
-//! equations of a fit without the fold, for any ridge, and the errors of that fit on the fold are
+//! The sum of `[X | W]ᵀ[X | W]` over other folds gives the fit without a fold, for any ridge. Its errors on
+//! the fold are
 //!
 //! ```text
 //! ‖X_f·C − W_f‖² = W_fᵀW_f − 2·Cᵀ·X_fᵀW_f + Cᵀ·X_fᵀX_f·C
 //! ```
 //!
-//! A choice needs errors with three digits, which condition numbers up to 10⁶, with columns scaled
-//! to norm one, leave. The final fit never uses this method.
+//! A choice needs errors with three digits, which condition numbers up to 10⁶, with columns scaled to norm one,
+//! leave. The final fit never uses this method.
 
 use std::collections::HashMap;
 
@@ -26,8 +26,7 @@ use crate::solver::ReadingSums;
 use crate::vectors::lower_product;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Families with more features than this are excluded from a choice: the covariance over groups of
-/// rows, with an eigenvalue problem for each group, would take minutes.
+/// Most features of a family to choose: the covariance, with eigenvalues for each group, would take minutes.
 const MOST_FEATURES: usize = 600;
 
 const CHUNK: usize = 1024;
@@ -90,8 +89,7 @@ impl NormalEquations {
         self.products.submatrix(0, self.features, self.features, Axis::ALL.len())
     }
 
-    /// The coefficients, features × 6, with a ridge on columns of norm one, except the column
-    /// `free`; `None` if the rows do not determine them.
+    /// Coefficients, features × 6, with a ridge on columns of norm one, except `free`; `None` if undetermined.
     fn solve(&self, ridge: f64, free: Option<usize>) -> Option<Mat<f64>> {
         let p = self.features;
         if self.rows < p as u64 && ridge == 0.0 || !self.products.is_all_finite() {
@@ -116,7 +114,7 @@ impl NormalEquations {
         Some(solved)
     }
 
-    /// The errors of coefficients on these rows. `ones` is the constant feature.
+    /// `ones` is the constant feature.
     fn errors(&self, coefficients: MatRef<'_, f64>, ones: Option<usize>) -> PerAxis<HeldOutErrors> {
         let (p, explained) = (self.features, self.gram() * coefficients);
         std::array::from_fn(|axis| {
@@ -131,8 +129,7 @@ impl NormalEquations {
     }
 }
 
-/// The sums of all matrices but each one. They are added up from both ends, so a large one leaves no
-/// rounding errors in the sum without it.
+/// Sums of all matrices but each one, added from both ends: a large one leaves no rounding errors in the others.
 pub fn sums_without_each<'a>(
     parts: impl DoubleEndedIterator<Item = &'a Mat<f64>> + ExactSizeIterator + Clone,
 ) -> Vec<Mat<f64>> {
@@ -153,15 +150,14 @@ pub fn sums_without_each<'a>(
     sums
 }
 
-/// The positions of the terms of a model among those of another; `None` if that lacks some.
+/// Positions of the terms of a model among those of another; `None` if that lacks some.
 fn positions(part: &Model, whole: &Model) -> Option<Vec<usize>> {
     let places: HashMap<_, _> = whole.terms().into_iter().zip(0..).collect();
     part.terms().iter().map(|term| places.get(term).copied()).collect()
 }
 
-/// Compares the families of features by errors on each group, held out in turn, each with `ridges`
-/// (and larger ones, as [`select`](super::selection::select) does). `model` defines everything but
-/// the family.
+/// Compares the families of features by errors on each held-out group, with `ridges` (and larger ones, as
+/// [`select`](super::selection::select) does). `model` defines everything but the family.
 ///
 /// # Errors
 /// [`FitError`] if there are too few groups, a row is not finite, or no model can be fitted.
@@ -228,7 +224,6 @@ mod tests {
         2.0 * Random(i as u64).unit() - 1.0
     }
 
-    /// Compares with exact sums of the same rows: seven groups, each of them a fold.
     #[test]
     fn sums_without_each_matrix_beside_a_large_one_are_exact() {
         let parts = [1.0, 2f64.powi(80), 2.0, 4.0].map(|part| Mat::from_fn(1, 1, |_, _| part));

@@ -1,18 +1,14 @@
-//! The choice of model and ridge: the candidate that predicts new groups best, or a smaller one
-//! that is as good.
+//! The choice of model and ridge that predict new groups best, or of a smaller model that is as good.
 //!
-//! The score of a candidate is its squared error on held-out groups, relative to the standard
-//! deviation of each axis: the mean over folds, and the geometric mean over axes. A candidate is
-//! equal to the best if its error is within one standard error of the [ratio of their
-//! errors](super::comparison) on the same folds; the one with the fewest features is chosen (after
-//! Breiman et al., Classification and Regression Trees, 1984, §3.4.3; they use the standard error
-//! of the best, but folds differ far more from each other than two models on one fold). Among
-//! several ridges on these features, the one with the smallest error is chosen, because a stronger
-//! ridge would bias every prediction and make no model smaller.
+//! The score of a candidate is its squared error on held-out groups, relative to the variance of each axis: the mean
+//! over folds, and the geometric mean over axes. A candidate equals the best if its error is within one standard
+//! error of the [ratio of their errors](super::comparison) on the same folds; the one with the fewest features is
+//! chosen (after Breiman et al., Classification and Regression Trees, 1984, §3.4.3; they use the standard error of
+//! the best, but folds differ far more from each other than two models on one fold). Among ridges on these features,
+//! the smallest error decides, because a stronger ridge would bias every prediction and make no model smaller.
 //!
-//! [`Advice`] describes the choice in words. The ratio of the error on new groups to that of a
-//! random split is not part of it: it shows how similar the rows of a group are, not which model to
-//! use.
+//! [`Advice`] puts the choice in words, without the ratio of the error on new groups to that of a random split: it
+//! shows how similar the rows of a group are, not which model to use.
 
 use super::comparison::{Comparison, FoldMean, RelativeErrors, varying};
 use super::cross_validation::{assign_groups, errors_on, sizes};
@@ -35,58 +31,48 @@ const RIDGE_STEP: f64 = 100.0;
 /// Number of folds, if there are as many groups.
 pub const FOLDS: usize = 10;
 
-/// A model and ridge that were tried.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Candidate {
-    /// The family of features.
     pub basis: Basis,
-    /// The ridge parameter.
     pub ridge: f64,
     /// Number of coefficients per axis.
     pub features: usize,
-    /// The errors on new groups; `None` if the model cannot be fitted without one of the folds.
+    /// `None` if the model cannot be fitted without one of the folds.
     pub errors: Option<CandidateErrors>,
 }
 
-/// The prediction errors of a model on held-out groups.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct CandidateErrors {
-    /// The square of the error relative to the standard deviation of each axis: the mean over folds
-    /// and the geometric mean over axes.
+    /// Squared error relative to each axis's variance: mean over folds, geometric mean over axes.
     pub score: f64,
-    /// Standard error of the score.
     pub standard_error: f64,
-    /// Root mean square error, in N and N·m.
+    /// N and N·m.
     #[serde(with = "shell_data::by_axis")]
     pub rms: PerAxis<f64>,
 }
 
-/// The candidates and the choice.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Selection {
-    /// Number of folds of groups.
     pub folds: usize,
-    /// All candidates, by ascending size and then by ascending ridge.
+    /// By ascending size, then ascending ridge.
     pub candidates: Vec<Candidate>,
-    /// The position of the candidate with the smallest error.
+    /// Position of the candidate with the smallest error.
     pub best: usize,
-    /// The position of the chosen candidate.
+    /// Position of the chosen candidate.
     pub chosen: usize,
 }
 
 /// A selection, with the errors of each candidate on the folds.
 #[derive(Clone, Debug)]
 pub struct Tried {
-    /// The candidates and the choice.
     pub selection: Selection,
     /// Empty for a candidate that cannot be fitted without one of the folds.
     errors: Vec<Vec<PerAxis<HeldOutErrors>>>,
-    /// The variances of the measured wrench, in squares of N and N·m.
+    /// Variances of the measured wrench, squares of N and N·m.
     variances: PerAxis<f64>,
 }
 
 impl Tried {
-    /// The errors of the chosen candidate on each fold.
     pub fn chosen_errors(&self) -> &[PerAxis<HeldOutErrors>] {
         &self.errors[self.selection.chosen]
     }
@@ -101,8 +87,7 @@ impl Tried {
     }
 }
 
-/// Compares all models within the basis that was summed, with each of `ridges`. If there are
-/// several ridges and the last is the best, larger ones follow until one is not.
+/// Compares all models within the summed basis, with each of `ridges`, and larger ones while the last is best.
 ///
 /// # Errors
 /// [`FitError`] if there are too few groups, or no model can be fitted.
@@ -113,7 +98,6 @@ pub fn select(sums: &SumsByGroup, intercept: bool, ridges: &[f64]) -> Result<Tri
     let model = |basis| Model { basis, intercept, channels: whole.channels(), memory: 0 };
     let errors_of = |basis: Basis| -> Option<ErrorsByRidge<'_>> {
         let parts = PartitionedSums::new(whole, &model(basis)).ok()?;
-        // The sums of a fold are the same for every ridge.
         let of_fold = |fold: &Vec<usize>| {
             let moments = sums.of_fold(fold);
             let part = parts.part(&moments);
@@ -186,8 +170,7 @@ pub fn folds(sums: &SumsByGroup) -> Result<Vec<Vec<usize>>, FitError> {
     assign_groups(&sizes(sums), sums.groups.len().min(FOLDS))
 }
 
-/// The errors of a model on each of `folds`, given as positions of groups in `sums`; `None` if it
-/// cannot be fitted without one of them.
+/// Errors of a model on each of `folds`, as positions of groups in `sums`; `None` if it cannot be fitted without one.
 ///
 /// # Errors
 /// [`FitError`] if there are too few groups.
@@ -215,15 +198,13 @@ fn summarise(folds: &[PerAxis<HeldOutErrors>], variances: &PerAxis<f64>) -> Cand
 /// The recommended models, with comparisons of their errors.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Advice {
-    /// Number of folds of groups.
     pub folds: usize,
-    /// The model that predicts new groups best.
     pub best: Candidate,
-    /// The model with the fewest features within a standard error of the best.
+    /// Model with the fewest features within a standard error of the best.
     pub cautious: Candidate,
-    /// The errors of the cautious choice and of the best; `None` if they are the same model.
+    /// Errors of the cautious choice and of the best; `None` if they are the same model.
     pub caution: Option<Comparison>,
-    /// The errors of the best and of the requested model, if they differ.
+    /// Errors of the best and of the requested model, if they differ.
     pub given: Option<Comparison>,
     /// True if the best ridge is the largest that was tried, so a larger one may be better.
     pub ridge_is_at_limit: bool,
@@ -243,13 +224,11 @@ impl Advice {
         }
     }
 
-    /// Returns true if another model has a smaller error on new groups than the requested one, by
-    /// more than a standard error of the ratio.
+    /// Returns true if another model predicts new groups better by more than a standard error of the ratio.
     pub fn another_is_better(&self) -> bool {
         self.given.is_some_and(|given| given.all.first_is_better())
     }
 
-    /// Describes the best model on new groups and the cautious choice.
     pub fn words(&self, axes: Axes) -> String {
         let score = |of: &Candidate| {
             let errors =

@@ -4,21 +4,18 @@
 //! minimise  Σ (yᵢ − fᵢ(x, u))²/vᵢ + λ·xᵀΣ_w⁻¹x + uᵀu      vᵢ = σ² + τ²·(dfᵢ/dq)² + gᵢᵀCᵢgᵢ
 //! ```
 //!
-//! The unknowns are the wrench `x` and the [factors](crate::factors) `u` that the sensors share:
-//! `q = b + aᵀx + cᵀu`. To first order this integrates `u` out: `D·C·Cᵀ·D` is added to the variance
-//! `v` of the responses. Gauss-Newton steps find the minimum, with `v` from the previous step.
-//! `gᵀCg` is the variance from the uncertain parameters, so a sensor counts little where it was not
-//! trained. On a flat end of its curve `df/dx` vanishes, so a saturated sensor drops out by itself.
-//! The start inverts each curve for its displacement and solves the remaining linear problem.
-//! Frames are independent: results do not depend on the order of rows or the width of vectors.
+//! The unknowns are the wrench `x` and the [factors](crate::factors) `u` that the sensors share: `q = b + aᵀx + cᵀu`.
+//! To first order this integrates `u` out: `D·C·Cᵀ·D` is added to the variance `v`. Gauss-Newton steps find the
+//! minimum, with `v` from the previous step. `gᵀCg` is the variance from the uncertain parameters, so a sensor counts
+//! little where it was not trained. A saturated sensor drops out, because `df/dx` vanishes. The start inverts each
+//! curve for its displacement and solves the remaining linear problem. Frames are independent of each other and of
+//! the width of vectors.
 //!
-//! **A sensor that has died** gives readings that no wrench explains. If a reading is
-//! [`FAR`](newton::FAR) from its curve and eight sensors or more are in use, the row is solved
-//! without each of them in turn. The sensor whose removal leaves the least sum is left out and
-//! flagged if all others then fit.
+//! **A sensor that has died** gives readings that no wrench explains. If a reading is [`FAR`](newton::FAR) from its
+//! curve and eight sensors or more are in use, the row is solved without each in turn. The one whose removal leaves
+//! the least sum is left out and flagged if all others then fit.
 //!
-//! Standard errors come from Laplace's approximation: the curvature at the minimum (MacKay, Neural
-//! Computation 4, 1992).
+//! Standard errors come from the curvature at the minimum (Laplace's approximation; MacKay, Neural Comput. 4, 1992).
 
 mod newton;
 
@@ -30,47 +27,41 @@ use super::response::{FACTORS, PARAMETERS, Parameters, SHAPE, displacement};
 use shell_data::instructions::arch;
 use shell_data::wrench::PerAxis;
 
-/// A wrench with its standard errors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
     /// N and N·m.
     pub wrench: PerAxis<f64>,
     /// N and N·m.
     pub standard_errors: PerAxis<f64>,
-    /// Flags of the frame.
     pub flags: Flags,
 }
 
-/// Flags of a frame. Masks have bit `i` for channel `i`.
+/// Masks have bit `i` for channel `i`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Flags {
-    /// Channels on a flat end of their curve: they carry no information about this wrench.
+    /// Channels on a flat end of their curve, which carry no information about this wrench.
     pub saturated: u16,
     /// Channels left out: constant in training, not a number here, or inconsistent with all others.
     pub left_out: u16,
     /// Channels whose reading is far from the value that the others imply.
     pub misfit: u16,
-    /// True if the steps converged.
     pub converged: bool,
 }
 
-/// Wrenches of some rows.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Estimates {
     /// N and N·m.
     pub wrench: PerAxis<Vec<f64>>,
     /// N and N·m.
     pub standard_errors: PerAxis<Vec<f64>>,
-    /// Flags of each row.
     pub flags: Vec<Flags>,
 }
 
-/// Fewest sensors in use for one to be left out: more than axes must remain to agree.
+/// Fewest sensors for one to be left out: more than axes must remain to agree.
 const LEAVE_OUT_OF: u32 = 8;
 
 const MOST_UNKNOWNS: usize = 6 + FACTORS;
 
-/// A model prepared for the conversion of frames.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Inversion {
     pub(super) model: PhysicsModel,
@@ -81,7 +72,6 @@ pub struct Inversion {
 }
 
 impl Inversion {
-    /// Prepares a model.
     pub fn new(model: &PhysicsModel) -> Self {
         let all = ((1_u32 << model.channels) - 1) as u16;
         let known = model.sensors.iter().fold(0, |mask, sensor| mask | 1 << sensor.channel);
@@ -118,7 +108,7 @@ impl Inversion {
         out
     }
 
-    /// Squared error of each observation's wrench in units of `scale`, summed over the axes.
+    /// Squared error of each wrench in units of `scale`, summed over the axes.
     pub fn squared_errors(&self, observations: &[&Observation], scale: &PerAxis<f64>) -> Vec<f64> {
         let column = |channel: usize| observations.iter().map(|o| o.readings[channel]).collect();
         let readings: Vec<Vec<f64>> = (0..self.model.channels).map(column).collect();
@@ -140,8 +130,7 @@ impl Inversion {
         }
     }
 
-    /// Solves rows with a misfitting reading again, without the sensor whose removal leaves the
-    /// least sum, if all others then fit.
+    /// Solves misfitting rows again without the sensor whose removal leaves the least sum, if all others then fit.
     fn leave_out_dead(&self, readings: &[Vec<f64>], out: &mut Estimates) {
         let is_wanted = |row: &usize| {
             let flags = out.flags[*row];
@@ -183,7 +172,6 @@ impl Estimates {
         self.flags[row] = estimate.flags;
     }
 
-    /// One row.
     pub fn row(&self, row: usize) -> Estimate {
         let of = |columns: &PerAxis<Vec<f64>>| std::array::from_fn(|axis| columns[axis][row]);
         Estimate {

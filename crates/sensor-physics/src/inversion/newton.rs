@@ -1,5 +1,4 @@
-//! Gauss-Newton steps for several rows at a time. A lane stops after the steps that its row needs,
-//! so the result of a row does not depend on neighbouring rows.
+//! Gauss-Newton steps for several rows at a time. Lanes stop independently of their neighbours.
 
 use pulp::{Simd, WithSimd};
 
@@ -50,7 +49,7 @@ impl<const N: usize> WithSimd for Invert<'_, N> {
     }
 }
 
-/// A frame of readings per lane. Lanes without a row repeat the first.
+/// A frame per lane. Lanes without a row repeat the first.
 struct Frames<S: Simd> {
     /// Scaled readings by position of the sensor; zero if not in use.
     y: [Lanes<S>; MOST_CHANNELS],
@@ -60,10 +59,9 @@ struct Frames<S: Simd> {
     start: [(Lanes<S>, Lanes<S>); MOST_CHANNELS],
 }
 
-/// Values of the curves at one wrench per lane, for the equations of the next step.
+/// Curves at one wrench per lane, for the next step.
 #[derive(Clone, Copy)]
 struct LaneState<S: Simd, const N: usize> {
-    /// The wrench, then the factors.
     x: [Lanes<S>; N],
     residual: [Lanes<S>; MOST_CHANNELS],
     slope: [Lanes<S>; MOST_CHANNELS],
@@ -78,7 +76,6 @@ struct NewtonResult<S: Simd, const N: usize> {
     /// The last step, which is too short to evaluate the curves again.
     rest: [Lanes<S>; N],
     sum: Lanes<S>,
-    /// One where the steps converged.
     converged: Lanes<S>,
 }
 
@@ -130,8 +127,8 @@ impl Inversion {
         for _ in 0..STEPS {
             let at = std::array::from_fn(|axis| state.x[axis] + step[axis]);
             let next = self.state(simd, frames, &at);
-            // The sum with the previous variances shows whether this step goes down. The sum with
-            // the new variances is the reference for the next step.
+            // Compared with the previous variances, this step goes down or not; the next step is
+            // compared with the new ones.
             let (by_old, by_new) = (self.sum(&next, &state.weight), self.sum(&next, &next.weight));
             let is_down = simd.less_than_or_equal_f64s(by_old.1, before.1);
             let down = zero.replaced(is_down, active);

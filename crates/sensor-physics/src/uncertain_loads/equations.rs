@@ -1,4 +1,4 @@
-//! Equations of a step: one block for each load, and the border of the unknowns that loads share.
+//! Equations of a step.
 
 use super::super::cholesky::Cholesky;
 use super::load::OWN;
@@ -15,7 +15,7 @@ pub(super) struct LoadEquations {
 pub(super) struct OfLoad {
     pub(super) curvature: [[f64; OWN]; OWN],
     pub(super) descent: [f64; OWN],
-    /// Coupling with the border, a row for each deviation.
+    /// A row for each deviation.
     pub(super) coupling: [Vec<f64>; OWN],
     pub(super) rows: Vec<Row>,
 }
@@ -90,8 +90,7 @@ impl LoadEquations {
             let mut curvature = load.curvature;
             (0..OWN).for_each(|k| curvature[k][k] *= more);
             let factor = Cholesky::new(&curvature)?;
-            // With h = L·Lᵀ: L⁻¹·coupling, whose squares the elimination of the load subtracts from
-            // the border.
+            // With h = L·Lᵀ: L⁻¹·coupling, whose squares are subtracted from the border.
             let mut taken: [Vec<f64>; OWN] = std::array::from_fn(|_| vec![0.0; border.size]);
             let mut following = taken.clone();
             for (position, descent) in descent.iter_mut().enumerate() {

@@ -2,28 +2,21 @@
 
 use shell_data::wrench::{LoadErrors, PerAxis, cross, force_at};
 
-/// Number of deviations of a load, in stated errors: one of its size, two of its direction, three
-/// of its lever.
+/// Deviations of a load, in stated errors: one of size, two of direction, three of lever.
 pub(super) const OWN: usize = 6;
 
 pub(super) const SHARED: usize = 3;
 
-/// A load as it was written down.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum StatedLoad {
-    /// An exact wrench.
     Wrench(PerAxis<f64>),
-    /// A force at a point, each with an error.
     Force {
-        /// Magnitude, N.
         force_n: f64,
-        /// Unit vector along the force.
         direction: [f64; 3],
-        /// Point of action, from the sensor's origin, m.
+        /// From the sensor's origin, m.
         point_m: [f64; 3],
-        /// Stated errors of these.
         errors: LoadErrors,
-        /// Index of its mounting, if a lever offset is fitted for it.
+        /// `None` if no lever offset is fitted.
         mounting: Option<usize>,
     },
 }
@@ -33,14 +26,12 @@ pub enum StatedLoad {
 pub enum LoadQuantity {
     /// Mass or force.
     Size,
-    /// Direction of the force.
     Direction,
     /// Point of action.
     Lever,
 }
 
 impl LoadQuantity {
-    /// All quantities.
     pub const ALL: [Self; 3] = [Self::Size, Self::Direction, Self::Lever];
 
     pub(super) fn positions(self) -> std::ops::Range<usize> {

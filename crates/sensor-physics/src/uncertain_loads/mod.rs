@@ -1,21 +1,17 @@
-//! Hung weights as the reference: loads known up to stated errors, estimated together with the
-//! sensors.
+//! Hung weights as the reference: loads known up to stated errors, estimated together with the sensors.
 //!
 //! ```text
 //! yᵢⱼ = fᵢ(bᵢ + aᵢᵀxⱼ(δⱼ, o)) + e      δⱼ: mass, two angles, lever of load j      o: lever offset of its mounting
 //! ```
 //!
-//! Eight readings determine more of a pose than the six parameters of a force at a point (only five
-//! matter), so errors of a load can be separated from errors of the sensors. Levenberg-Marquardt
-//! steps find all of them at the maximum of the posterior density, after the deviations of each
-//! load are eliminated from the equations (a Schur complement: Triggs et al., Bundle Adjustment,
-//! 2000, §6). Their prior has the stated errors and Student's shape for each of mass, direction and
-//! lever: a mistyped value does not bend the sensors (Lange, Little & Taylor, J. Am. Stat. Assoc.
-//! 84, 1989). The noise is corrected for the part of the residuals that sensors and loads absorbed,
-//! as in a fit to known loads.
+//! Eight readings determine more of a pose than the six parameters of a force at a point (only five matter), so
+//! errors of a load can be separated from errors of the sensors. Levenberg-Marquardt steps find all of them at the
+//! maximum of the posterior density, after the deviations of each load are eliminated (a Schur complement: Triggs et
+//! al., Bundle Adjustment, 2000, §6). Their prior has the stated errors and Student's shape for each of mass,
+//! direction and lever: a mistyped value does not bend the sensors (Lange, Little & Taylor, J. Am. Stat. Assoc. 84,
+//! 1989). The noise is corrected for the part of the residuals that sensors and loads absorbed.
 //!
-//! Errors that all loads have in common are not corrected: a turn or a shift of all of them is
-//! another frame of reference.
+//! Errors that all loads have in common are not corrected: a turn or a shift of all is another frame of reference.
 
 mod equations;
 mod load;
@@ -35,21 +31,19 @@ use shell_data::wrench::PerAxis;
 /// Degrees of freedom of Student's prior: one load in a few dozen may be far off.
 const FREEDOM: f64 = 4.0;
 
-/// A quantity is suspicious beyond this many stated errors, or beyond this many times the scatter
-/// of the table if that is larger.
+/// Stated errors, or multiples of the table's scatter if that is larger, beyond which a quantity is suspicious.
 const FAR: f64 = 5.0;
 
 /// Standard deviation of the priors of lo, ln h and ln ν: the middle candidate of a fit.
 const WIDTH: f64 = 0.5;
 
-/// Rounds, and steps in a round. Each round uses weights and noise from the previous one.
+/// Rounds, each with weights and noise from the previous one, and steps in a round.
 const ROUNDS: usize = 20;
 const STEPS: usize = 3;
 
-/// A load as corrected by the sensors.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CorrectedLoad {
-    /// The wrench, N and N·m.
+    /// N and N·m.
     pub wrench: PerAxis<f64>,
     /// Direction, of length 1; zero for a wrench.
     pub direction: [f64; 3],
@@ -59,14 +53,13 @@ pub struct CorrectedLoad {
     pub angle_rad: (f64, f64),
     /// Found minus stated point, m.
     pub lever_m: [f64; 3],
-    /// Quantity that is furthest from its stated value, if any is suspicious.
+    /// Quantity furthest from its stated value, if any is suspicious.
     pub suspicious: Option<LoadQuantity>,
 }
 
-/// All loads of a table, corrected.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CorrectedLoads {
-    /// Loads in the order of the observations.
+    /// In the order of the observations.
     pub loads: Vec<CorrectedLoad>,
     /// Lever offset of each mounting, m.
     pub mountings: Vec<[f64; 3]>,
@@ -74,8 +67,8 @@ pub struct CorrectedLoads {
     pub scatter: [f64; 3],
 }
 
-/// Corrects loads by the readings at them: `observations[j]` was made under `loads[j]`. `mounting_m` is the
-/// standard deviation of the lever offsets of `mountings` mountings, on each axis.
+/// Corrects loads by the readings at them: `observations[j]` was made under `loads[j]`. `mounting_m` is the standard
+/// deviation of the lever offsets of `mountings` mountings, on each axis.
 ///
 /// # Errors
 /// [`PhysicsError`] if there are too few observations or channels.
@@ -131,7 +124,7 @@ struct LoadSearch<'a> {
 }
 
 struct FixedWeights {
-    /// Inverse variances by load and sensor.
+    /// By load and sensor.
     readings: Vec<Vec<f64>>,
     /// Weights of the deviations of each load.
     own: Vec<[f64; OWN]>,
@@ -188,8 +181,7 @@ impl LoadSearch<'_> {
         units.map(|x| x * self.mounting_m)
     }
 
-    /// Wrench of a load in the scales of the model, and its derivatives with respect to the load's
-    /// deviations and the offset of its mounting.
+    /// Wrench of a load in the model's scales, and derivatives by the load's deviations and mounting's offset.
     fn wrench(&self, at: &Unknowns, row: usize) -> (PerAxis<f64>, [PerAxis<f64>; OWN + SHARED]) {
         // Central differences of a smooth function with numbers of order 1 have a relative error of 1e-8.
         const STEP: f64 = 1e-4;

@@ -31,8 +31,8 @@ pub enum Dimension {
 impl Parameter {
     pub const WIDTH: Self = Self::new("width", Length, |setup| &mut setup.channel.width_m);
 
-    /// Semi-axes of the body along and across its path; channel and beam; the body's offset from
-    /// the middle and rotation of its nose, both to the left.
+    /// Semi-axes of the body along and across its path; channel and beam; the body's offset and
+    /// rotation of its nose, both to the left.
     pub const ALL: [Self; 11] = [
         Self::new("rx", Length, |setup| &mut setup.ellipse.semi_length_m),
         Self::new("ry", Length, |setup| &mut setup.ellipse.semi_width_m),

@@ -5,8 +5,8 @@
 //! plane goes through R p + d with normal R n, and the ray meets it at z = [(R n)·(R p + d) − (R
 //! n)ₓ x − (R n)ᵧ y] / (R n)_z.
 //!
-//! Not modelled: the size of the spot, and the lower return of a tilted reflector. Over the plate's
-//! small travel both are nearly constant and part of the channel's gain.
+//! Not modelled: the size of the spot, and the lower return of a tilted reflector, both nearly
+//! constant over the small travel and part of the gain.
 
 use super::springs::Displacement;
 

@@ -1,10 +1,10 @@
 //! Loads applied to a shell by hand, each contact a pose; and loads from a table.
 //!
 //! The shell is half an ellipsoid of the robot's size (18 cm × 11 cm × 4.5 cm: Table I of the paper
-//! on the shell). In every pose a contact rises, dwells and falls, and sways a little, band-limited
-//! below 3 Hz. Poses alternate: a push, a pull with a twist (the shell held), a longer dwell at a
-//! push, taps. Contact points follow a low-discrepancy sequence (Roberts' R₂), so that even short
-//! recordings load every axis in both directions. Moments follow from force and position.
+//! on the shell). In every pose a contact rises, dwells and falls, and sways, band-limited below 3
+//! Hz. Poses alternate: a push, a pull with a twist (the shell held), a longer dwell at a push,
+//! taps. Contact points follow a low-discrepancy sequence (Roberts' R₂), so that even short
+//! recordings load every axis in both directions.
 //!
 //! A load is a function of time alone, so sensors with separate clocks can share it.
 
@@ -56,9 +56,8 @@ impl LoadScript {
         (time_s / POSE_S) as u64
     }
 
-    /// Returns the wrench at `time_s` ≥ 0 since the start: N and N·m, shell frame.
-    ///
-    /// The last pose is cached, so ascending times are fastest.
+    /// Wrench at `time_s` ≥ 0 since the start: N and N·m, shell frame. The last pose is cached for
+    /// ascending times.
     pub fn wrench_at(&mut self, time_s: f64) -> PerAxis<f64> {
         let Some((purpose, seed)) = self.poses else {
             return [0.0; 6];

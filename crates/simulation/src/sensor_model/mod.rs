@@ -6,16 +6,16 @@
 //!          hysteresis                 reflectors                ambient
 //! ```
 //!
-//! [`SensorModel`] takes a time and a wrench and returns a [`SimulatedFrame`]; only the springs
-//! have a memory. [`LoadScript`] provides the wrench, [`ReferenceSensor`] a reference sensor's
-//! measurement of it, and [`SensorRecording`] combines them row by row.
+//! Only the springs of a [`SensorModel`] have a memory. [`LoadScript`] provides the wrench,
+//! [`ReferenceSensor`] a reference sensor's measurement of it, and [`SensorRecording`] combines
+//! them row by row.
 //!
 //! Results depend only on parameters and seeds, to the last bit on every machine: random numbers
 //! come from ChaCha, elementary functions from `libm`, sums have a fixed order.
 //!
 //! Not modelled: the mass of the plate (no hand excites its resonance above 100 Hz), light from one
 //! channel in another (one emitter is lit at a time), and, except on the simulated board, the time
-//! between the conversions of a frame.
+//! between conversions.
 
 mod geometry;
 mod load;
@@ -94,10 +94,9 @@ impl SensorModel {
         })
     }
 
-    /// Returns the frame at `time_s` since the start, under a `wrench` (N and N·m, shell frame)
-    /// that has held since the previous frame. Times must ascend.
-    ///
-    /// A load that is not finite, or above [`LIMIT`], saturates all channels of the frame at zero.
+    /// Returns the frame at `time_s` since the start, in ascending order, under a `wrench` (N and
+    /// N·m, shell frame) that has held since the previous frame. A load that is not finite, or
+    /// above [`LIMIT`], saturates all channels of the frame at zero.
     pub fn sample(&mut self, time_s: f64, wrench: &PerAxis<f64>) -> SimulatedFrame {
         if !is_bearable(time_s, wrench) {
             return SimulatedFrame { readings: [0; 8], saturated: 0xFF };

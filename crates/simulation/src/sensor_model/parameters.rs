@@ -15,7 +15,6 @@ pub struct SensorChannel {
     pub offset_drift_per_k: f64,
 }
 
-/// Random noise of a reading; the parts add as variances.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SensorNoise {
     /// Amplifier and converter, as a fraction of the full scale.
@@ -26,7 +25,6 @@ pub struct SensorNoise {
     pub emitter: f64,
 }
 
-/// Variations between recordings (standard deviations) and during a recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surroundings {
     /// Light left after the ambient reading is subtracted, as a fraction of the full scale.
@@ -85,12 +83,12 @@ impl SensorParameters {
     ///
     /// Sources, and assumptions where there is no source:
     /// - Four flat reflectors, two tilted about y, two about x: the paper on the shell (§II-A) and
-    ///   Goldberg et al. 2015. Their positions are assumed, on a board of 5 cm × 5 cm: the flat
-    ///   ones near the corners, for Mx and My; each tilted pair far apart, for Mz.
-    /// - Springs: a hand or a beam exerts up to some 3 N on the shell of an 87 g robot (0.85 N). In
-    ///   recordings of the original board this changes readings by a few hundred to a thousand
-    ///   counts, a few tenths of a millimetre on the slope of the response. With 6 N/mm along z and
-    ///   2.4 N/mm across per spring, 1 N moves the plate 0.04 mm along z and 0.10 mm along x or y.
+    ///   Goldberg et al. 2015. Positions are assumed, on a board of 5 cm × 5 cm: the flat ones near
+    ///   the corners, for Mx and My; each tilted pair far apart, for Mz.
+    /// - Springs: a hand or a beam exerts up to some 3 N on the shell of an 87 g robot (0.85 N). On
+    ///   the original board this changes readings by a few hundred to a thousand counts, a few
+    ///   tenths of a millimetre on the slope of the response. With 6 N/mm along z and 2.4 N/mm
+    ///   across per spring, 1 N moves the plate 0.04 mm along z and 0.10 mm along x or y.
     /// - Unloaded gap: 1.2 mm, on the falling side of the response, so that the plate can travel
     ///   0.5 mm both ways without passing the maximum at 0.7 mm.
     /// - Gain: some 1950 of 4096 counts without load, 800 to 3800 under load; recordings of the
@@ -175,8 +173,8 @@ impl SensorParameters {
         unit
     }
 
-    /// Returns the nominal instrument's unit with its noise [scaled](Self::scale_noise) by a factor
-    /// that must be finite and not negative.
+    /// The nominal instrument's unit with its noise [scaled](Self::scale_noise) by a finite factor
+    /// that is not negative.
     pub(crate) fn noisy_unit(unit_seed: u64, factor: f64) -> Result<Self, SimulationError> {
         let is_factor = factor.is_finite() && factor >= 0.0;
         ensure!(is_factor, "noise scaled by {factor}, where a factor of 0 or more is wanted");

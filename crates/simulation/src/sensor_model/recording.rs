@@ -101,8 +101,8 @@ impl Iterator for SensorRecording {
     }
 }
 
-/// A reference sensor for calibration, mounted for one recording: its axes are rotated and shifted
-/// from the shell's. It has a zero error, noise, and a finite resolution.
+/// A reference sensor, mounted for one recording with axes rotated and shifted from the shell's. It
+/// has a zero error, noise, and a finite resolution.
 #[derive(Clone, Debug)]
 pub struct ReferenceSensor {
     parameters: Reference,

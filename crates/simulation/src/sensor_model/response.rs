@@ -3,14 +3,14 @@
 //! The part is the Sharp GP2S60 (data sheet D3-A02101EN, 3 October 2005). Its text gives the
 //! optimal sensing distance, 0.7 mm, and tests the part at 0.5 mm; the curve of relative collector
 //! current against distance is a drawing without numbers. The nodes below put the maximum on the
-//! printed optimum and follow the typical shape of reflective couplers: a steep rise while emitter
-//! and detector begin to see the same spot, a broad maximum, then a fall that turns into the
-//! inverse square of the distance. Every node but the maximum is nominal, to some ±10 %: a
-//! calibration is fitted, never derived from here.
+//! optimum and follow the typical shape of reflective couplers: a steep rise while emitter and
+//! detector begin to see the same spot, a broad maximum, then a fall that turns into the inverse
+//! square of the distance. Every node but the maximum is nominal, to some ±10 %: a calibration is
+//! fitted, never derived from here.
 //!
 //! A shape-preserving cubic joins the nodes (PCHIP: Fritsch & Butland, SIAM J. Sci. Stat. Comput.
-//! 5, 300, 1984), with a continuous slope and no overshoot. It uses only the four basic operations,
-//! so it gives the same bits everywhere.
+//! 5, 300, 1984), with a continuous slope and no overshoot, by the four basic operations, for the
+//! same bits everywhere.
 
 /// Distance in mm and relative collector current, 1 at the optimum.
 const NODES: [(f64, f64); 14] = [
@@ -52,10 +52,9 @@ const fn secant(i: usize) -> f64 {
     (NODES[i + 1].1 - NODES[i].1) / (NODES[i + 1].0 - NODES[i].0)
 }
 
-/// Returns the current at a reflector `distance_m` away, relative to that at the optimum (0.7 mm).
-///
-/// Constant outside the table: a reflector cannot come nearer than contact, and beyond 5 mm there
-/// is hardly any light. Value and slope are continuous above 0.
+/// Current at a reflector `distance_m` away, relative to that at the optimum (0.7 mm). Constant
+/// outside the table: a reflector cannot come nearer than contact, and beyond 5 mm there is hardly
+/// any light. Value and slope are continuous above 0.
 pub(super) fn current_at(distance_m: f64) -> f64 {
     let (first, last) = (NODES[0], NODES[NODES.len() - 1]);
     let x = (distance_m * 1e3).clamp(first.0, last.0);

@@ -1,9 +1,9 @@
 //! A rigid plate on springs: stiffness, compliance, and deviations from Hooke's law.
 //!
 //! The plate hangs on springs at points pᵢ, each with a stiffness along x, y and z. A displacement
-//! u = (d, θ) moves the foot of a spring by d + θ × pᵢ. The energy is therefore ½ uᵀK u with K = Σ
-//! Jᵢᵀ diag(kᵢ) Jᵢ, and a wrench w displaces the plate by K⁻¹w. (Rotations are small, so springs
-//! are linear in θ; `geometry` computes reflectors exactly.)
+//! u = (d, θ) moves the foot of a spring by d + θ × pᵢ. The energy is ½ uᵀK u with K = Σ Jᵢᵀ
+//! diag(kᵢ) Jᵢ, and a wrench w displaces the plate by K⁻¹w. (Springs are linear in the small
+//! rotations θ; `geometry` computes reflectors exactly.)
 //!
 //! Wire springs in a printed seat also creep and stick, applied to the wrench:
 //!
@@ -53,9 +53,8 @@ pub fn stiffness(springs: &[Spring]) -> [[f64; 6]; 6] {
 }
 
 /// Inverts a symmetric positive definite `stiffness`, by Gauss–Jordan elimination without pivoting
-/// (stable for such matrices); `None` if it is not positive definite.
-///
-/// Written out, since a library's kernels round differently on different processors.
+/// (stable for such matrices); `None` if it is not positive definite. Written out, since a
+/// library's kernels round differently on different processors.
 pub(crate) fn compliance(stiffness: &[[f64; 6]; 6]) -> Option<[[f64; 6]; 6]> {
     let mut left = *stiffness;
     let mut right: [[f64; 6]; 6] =

@@ -1,7 +1,7 @@
 //! An XBee in API mode at the host, as Digi's programs know it, and the board's XBee at the other end.
 //!
-//! Both are modules of the series S1 (802.15.4). Their parameters are read and set by API frames, and a few
-//! have an effect: `AP`, `MY`. There is no command mode (`+++`), no discovery (`ND`) and no sleep.
+//! Both are modules of the series S1 (802.15.4). API frames read and set parameters, of which `AP` and `MY` have an
+//! effect. There is no command mode (`+++`), no discovery (`ND`) and no sleep.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +11,7 @@ use shared_proto::xbee::{Address, ApiFrame, Deframer, MAX_PAYLOAD, Mode};
 const HARDWARE: [u8; 2] = [0x17, 0x44];
 const FIRMWARE: [u8; 2] = [0x10, 0xEF];
 
-/// First half of each address of Digi's, and the second halves of the modules here.
+/// First half of Digi's addresses, and the second halves of the modules here.
 const SERIAL_HIGH: u32 = 0x0013_A200;
 const HERE_LOW: u32 = 0x4100_0001;
 const BOARD_LOW: u32 = 0x4100_0002;
@@ -55,8 +55,8 @@ pub(super) struct Relayed {
 }
 
 impl BaseStation {
-    /// Creates a base station and a board's module with an address: its `MY`, where 0xFFFF means that it is
-    /// known by its serial number, or that serial number.
+    /// Creates a base station and a board's module with an address: its `MY`, where 0xFFFF stands for its serial
+    /// number, or that number.
     pub fn new(mode: Mode, board: Address) -> Self {
         let (serial, my) = match board {
             Address::Short(my) => (u64::from(SERIAL_HIGH) << 32 | u64::from(BOARD_LOW), my),

@@ -19,8 +19,8 @@ const LATE: Duration = Duration::from_micros(250);
 /// A clock that stops while the firmware computes, and shows exactly the awaited time.
 ///
 /// The system wakes a process tens of µs late, and tens of ms late on a busy machine; a
-/// microcontroller is less than one µs late. This clock hides the delay: it skips waits until board
-/// and wall clock agree again. Frames therefore start at their slots, and none is skipped.
+/// microcontroller is less than one µs late. This clock skips waits until board and wall clock
+/// agree again, so that frames start at their slots and none is skipped.
 #[derive(Clone, Debug)]
 pub struct PacedClock {
     start: Instant,
@@ -119,8 +119,7 @@ impl SyncScript {
         Self { clock, times_us: times_us.into() }
     }
 
-    /// Waits for the next edge. It is polled whenever the board is awake: an alarm would stop the
-    /// clock for tasks that wait for an earlier time.
+    /// Waits for the next edge, polled: an alarm would stop the clock for earlier waits.
     pub(super) async fn next_edge(&mut self) -> SeenEdge {
         poll_fn(|_| match self.times_us.front() {
             Some(&at_us) if at_us <= self.clock.now_us() => {

@@ -187,8 +187,8 @@ fn give_to_board(
     }
 }
 
-/// The serial line over TCP, for systems without ptys or a remote host. Like a serial port, it
-/// holds one host at a time and loses output without a host.
+/// The serial line over TCP, for systems without ptys or a remote host, with one host at a time,
+/// and losing output without one.
 #[derive(Clone, Debug, Default)]
 struct Socket(Arc<Mutex<Option<TcpStream>>>);
 

@@ -21,8 +21,8 @@ pub struct ChannelForces {
 impl ChannelForces {
     /// The five channels of the paper, with its mean specific resistances and, for 1, 2 and 3 cm,
     /// its mean drag (§V-B). At 0 cm the energies per stride, −0.52 against −9.12 mJ, put the drag
-    /// at 0.52/9.12 · 0.13 N. The paper plots the lift without numbers: negative, and growing with
-    /// the drag; here it is 1.2 times as large.
+    /// at 0.52/9.12 · 0.13 N. The paper plots the lift without numbers: negative, growing with the
+    /// drag; here it is 1.2 times as large.
     pub const PAPER: [Self; 5] = {
         const fn of(name: &'static str, drag_n: f64, specific_resistance: f64) -> ChannelForces {
             ChannelForces { name, drag_n, lift_n: -1.2 * drag_n, specific_resistance }

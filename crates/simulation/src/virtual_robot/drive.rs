@@ -8,7 +8,7 @@
 //! ```
 //!
 //! so that the battery delivers I = |d| (V − e)/R to each motor, and its voltage sags: V = V₀ − r
-//! ΣI − (drain so far), solved for V, in which it is linear.
+//! ΣI − (drain so far), linear in V.
 
 use super::CONSTANTS;
 use super::gait::{Gait, LegSide};

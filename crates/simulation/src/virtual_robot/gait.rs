@@ -8,7 +8,7 @@
 //! ```
 //!
 //! and a leg deviates from it twice a turn (its feet load it) and slowly (the controller permits
-//! it): φ = θ + a sin(2θ + α) + b sin(θ/5 + β). As a and b are small, φ never runs backwards.
+//! it): φ = θ + a sin(2θ + α) + b sin(θ/5 + β), with a and b so small that φ never runs backwards.
 
 use std::f64::consts::{PI, TAU};
 

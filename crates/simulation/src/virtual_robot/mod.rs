@@ -7,9 +7,9 @@
 //!  ╰─► Contact: drag, lift, shaking ── wrench ──► SensorModel (100 Hz) ──► readings
 //! ```
 //!
-//! [`VirtualTrial`] is one trial, a function of its settings and seeds to the last bit. Rows come
-//! at 1 kHz of the robot's clock, as integers in the columns of the lab's telemetry
-//! ([`TelemetryRow`]); readings are fresh at 100 Hz and repeated in between.
+//! [`VirtualTrial`] is a function of its settings and seeds to the last bit. Rows
+//! ([`TelemetryRow`]) have the columns of the lab's telemetry, as integers, at 1 kHz of the robot's
+//! clock; readings are fresh at 100 Hz and repeated in between.
 //!
 //! The window of the trial is from first to last contact with the beams, in which the robot covers
 //! the length of the channel: v̄ = l/(t_exit − t_enter). The speed follows from the condition's
@@ -46,8 +46,7 @@ const APPROACH_S: [f64; 2] = [1.0, 1.3];
 const AFTERWARDS_S: f64 = 0.8;
 const STALL_S: f64 = 0.4;
 
-// Constants of the VelociRoACH and of the lab's telemetry, repeated so that an error in the robot
-// profile that processes the trials shows.
+// Constants of the VelociRoACH and the lab's telemetry, repeated to reveal errors in its profile.
 
 /// Standard gravity, m/s² (3rd CGPM, 1901).
 const GRAVITY: f64 = 9.806_65;
@@ -87,8 +86,8 @@ pub struct TrialSettings {
 }
 
 impl TrialSettings {
-    /// Noise that gives the zero-load noise of the paper, 0.037 N: the root mean square of its
-    /// 0.040, 0.015 and 0.048 N. The sensor model has 0.0214 N at 1.
+    /// Noise of the paper at zero load, 0.037 N: the root mean square of its 0.040, 0.015 and 0.048
+    /// N. The sensor model has 0.0214 N at 1.
     pub const PAPER_NOISE: f64 = 1.7;
 
     /// Sets up a trial as the lab records it: 13 strides a second, no mishaps.
@@ -191,7 +190,6 @@ impl VirtualTrial {
         self.contact.wrench_at(time_s, leg_rad, self.gait.share(time_s))
     }
 
-    /// Returns the sensor's frames with times on the robot's clock, s.
     pub fn frames(&self) -> impl Iterator<Item = (f64, SimulatedFrame)> {
         let mut sensor = self.sensor.clone();
         let end_s = self.times_s[self.times_s.len() - 1];

@@ -1,7 +1,7 @@
 //! The truth of a trial: integrals of the functions that generated it.
 //!
-//! Duty is constant between rows and all else is smooth, so each interval is integrated by
-//! Simpson's rule. Corners at starts and stalls of the legs leave errors of some 1e-8.
+//! Duty is constant between rows and all else is smooth: Simpson's rule integrates each interval.
+//! Corners at starts and stalls of the legs leave errors of some 1e-8.
 
 use super::{CONSTANTS, Constants, TrialSettings, VirtualTrial, WEIGHT_N};
 use shell_data::wrench::PerAxis;
@@ -137,8 +137,7 @@ mod tests {
         // The integrals are cut at different times, with different errors of Simpson's rule.
         assert!((electrical_j / whole[6] - 1.0).abs() < 1e-7);
         let impulse: f64 = strides.iter().map(|s| s.mean_fx_n * (s.t_end_s - s.t_start_s)).sum();
-        // Each corner of the stall, with a jump of 250 N/s² in the second derivative, adds 1 ms³ of
-        // it.
+        // Each corner of the stall, a jump of 250 N/s² in the second derivative, adds 1 ms³ of it.
         assert!((impulse / whole[0] - 1.0).abs() < 1e-7);
     }
 

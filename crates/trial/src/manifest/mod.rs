@@ -7,8 +7,8 @@
 //! logs/run3.txt,2 cm,3.1,6.0,,,,fell over,yes
 //! ```
 //!
-//! Only the first four columns are required. TOML has a table `[[trial]]` for each trial, with the
-//! same keys; optional `conditions = ["free", "3 cm"]` lists all allowed conditions.
+//! The first four columns are required. TOML has a table `[[trial]]` of the same keys for each;
+//! optional `conditions = ["free", "3 cm"]` lists those allowed.
 
 mod csv;
 mod faults;
@@ -33,11 +33,11 @@ pub struct Manifest {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Entry {
     pub position: CellPosition,
-    /// The trial without its times; the log is relative to the manifest's folder.
+    /// Without times; the log is relative to the manifest's folder.
     pub trial: Trial,
     pub file_position: CellPosition,
     pub condition_position: CellPosition,
-    /// Entry into the channel, s on the log's clock; `None` if it is to be found in the forces.
+    /// s on the log's clock; `None` if it is to be found in the forces.
     pub enter: Placed<Option<f64>>,
     pub exit: Placed<Option<f64>>,
     pub exclude: bool,
@@ -106,7 +106,7 @@ pub struct Placed<T> {
 
 type Cells<'a> = BTreeMap<&'a str, Placed<String>>;
 
-/// The names of the columns or keys; the first four are required.
+/// The first four are required.
 const KEYS: [&str; 9] = [
     "file",
     "condition",
@@ -131,8 +131,8 @@ impl Manifest {
     /// Reads a manifest: TOML if `is_toml`, otherwise CSV.
     ///
     /// # Errors
-    /// [`ManifestProblem`] if the manifest as a whole is invalid: not TOML, missing or unknown
-    /// columns, no trials. A problem with one trial is in its row.
+    /// [`ManifestProblem`] if it is not TOML, or lacks trials or columns, or has unknown ones. A
+    /// trial's problem is in its row.
     pub fn parse(text: &str, is_toml: bool) -> Result<Self, ManifestProblem> {
         let manifest = if is_toml { Self::from_toml(text)? } else { csv::parse(text)? };
         if manifest.rows.is_empty() {
@@ -261,7 +261,7 @@ impl Shard {
         end(self.number - 1)..end(self.number)
     }
 
-    /// The name of this share's files, without an extension. Names sort in the order of the shares.
+    /// Names, without an extension, sort in the order of the shares.
     pub fn stem(self) -> String {
         format!("part-{:05}-of-{:05}", self.number, self.of)
     }

@@ -1,16 +1,13 @@
-//! Proposes the window of a trial, entry into and exit from the channel, from the drag alone, with
-//! a confidence.
+//! Proposes the window of a trial, from entry to exit, from the drag alone, with a confidence.
 //!
-//! The model of the drag is zero, rising while the robot enters, constant, falling while it leaves,
-//! zero, plus a constant offset. It rises and falls smoothly, since the nose of a rounded shell
-//! bends its first beam only slightly. All pairs of entry and exit on a coarse grid are tried, with
-//! height and offset by least squares, and the best is refined with halved steps. The drag is first
-//! averaged over a stride, which removes the shaking by the legs.
+//! The model of the drag is zero, rising while the robot enters, constant, falling while it leaves, zero, plus an
+//! offset. It rises and falls smoothly, since the nose of a rounded shell bends its first beam only slightly. All
+//! pairs of entry and exit on a coarse grid are tried, with height and offset by least squares, and the best is
+//! refined with halved steps. The drag is first averaged over a stride, which removes the shaking by the legs.
 //!
-//! The *confidence* is the share of the slow variation of the drag that this plateau explains (R²).
-//! It is low for a drag that comes and goes several times, or is small against other variations.
-//! Standard errors come from non-linear least squares, with the residuals' variance enlarged by
-//! their correlation time (Bartlett, J. R. Statist. Soc. B 8, 27, 1946).
+//! The *confidence* is the share of the slow variation of the drag that this plateau explains (R²), low for a drag
+//! that comes and goes, or is small against other variations. Standard errors come from non-linear least squares,
+//! with the residuals' variance enlarged by their correlation time (Bartlett, J. R. Statist. Soc. B 8, 27, 1946).
 
 mod plateau;
 
@@ -29,7 +26,6 @@ const LEAST_SIGNIFICANCE: f64 = 4.0;
 pub struct Proposal {
     /// Onset of sustained drag, s on the log's clock.
     pub t_enter_s: f64,
-    /// End of sustained drag, s.
     pub t_exit_s: f64,
     pub t_enter_se_s: f64,
     pub t_exit_se_s: f64,
@@ -40,12 +36,11 @@ pub struct Proposal {
     pub drag_se_n: f64,
     /// Drag outside the window, N: the residual of the tare.
     pub outside_n: f64,
-    /// Share of the slow variation of the drag that the plateau explains, 0 to 1.
+    /// Share of the drag's slow variation that the plateau explains, 0 to 1.
     pub confidence: f64,
 }
 
 impl Proposal {
-    /// Returns true if it can be used without inspection.
     pub fn is_good(&self) -> bool {
         self.confidence >= GOOD_CONFIDENCE
     }
@@ -67,8 +62,7 @@ pub enum NoWindow {
         if drag_se_n.is_finite() { format!(" ± {drag_se_n:.4} N") } else { String::new() }
     )]
     NoDrag { t_enter_s: f64, t_exit_s: f64, drag_n: f64, drag_se_n: f64 },
-    /// Not a single plateau; the fields describe the best interval, and the share of the variation
-    /// that it explains.
+    /// Not a single plateau; the fields describe the best interval, with its explained share of the variation.
     #[error(
         "onset and end of the drag are unclear: {t_enter_s:.2} to {t_exit_s:.2} s explains {:.0} % of its \
          variation", 100.0 * confidence
@@ -78,9 +72,8 @@ pub enum NoWindow {
     Cut(bool),
 }
 
-/// Proposes entry and exit from the drag −Fx in N at `time_s` in s, tared and free of filter delay
-/// (unfiltered, or filtered forward and backward). Skips values that are not finite. `stride_s` is
-/// the length of a stride, if known.
+/// Proposes entry and exit from the drag −Fx in N at `time_s` in s, tared and free of filter delay (unfiltered or
+/// zero-phase). Skips values that are not finite. `stride_s` is the length of a stride, if known.
 ///
 /// # Errors
 /// [`NoWindow`] if there is no interval of drag, more than one, or one that the log cuts off.

@@ -1,14 +1,14 @@
 //! Lag between the clock of a motion and that of a wrench.
 //!
 //! A payload's forces step when its gravity steps. A step is the difference between the means of
-//! two adjoining blocks of time, so a lasting push affects few steps. The lag has the smallest sum
-//! of absolute residuals, to which rare large ones, such as taps, contribute little. Several
-//! lengths of blocks are tried: short ones separate fast motions from pushes, long ones slow
-//! motions from noise. The length whose residuals the lag reduces most is used.
+//! adjoining blocks of time, so a lasting push affects few. The lag has the smallest sum of
+//! absolute residuals, to which rare taps contribute little. Short blocks separate fast motions
+//! from pushes, long ones slow motions from noise: the length whose residuals the lag reduces most
+//! is used.
 //!
 //! Contact that follows the motion biases the lag without adding scatter. It can have any phase
-//! relative to gravity, whereas the effect of a lag is in quadrature: the in-phase part of the
-//! residuals is therefore added to the standard error.
+//! relative to gravity, whereas a lag acts in quadrature: the in-phase part of the residuals is
+//! added to the standard error.
 
 use std::array::from_fn;
 
@@ -24,7 +24,7 @@ const LENGTHS_S: [f64; 4] = [0.03, 0.06, 0.12, 0.24];
 /// Number of steps from zero to the largest lag searched, in either direction.
 const LARGEST: usize = 100;
 const STEP_S: f64 = 0.001;
-/// Steps between rows: the blocks of closer rows share most of their samples.
+/// Steps between rows: closer rows share most of their samples.
 const ROW: usize = 5;
 const MOST_ROWS: usize = 20_000;
 /// Number of parts of the recording whose scatter gives the standard error.
@@ -48,15 +48,15 @@ impl Lag {
         self.standard_error_s <= SMALL_S
     }
 
-    /// The lag to apply: zero if the lag is uncertain and within two standard errors of zero.
+    /// Zero if the lag is uncertain and within two standard errors of zero.
     pub fn taken_s(&self) -> f64 {
         let is_zero = !self.is_certain() && self.lag_s.abs() < 2.0 * self.standard_error_s;
         if is_zero { 0.0 } else { self.lag_s }
     }
 }
 
-/// Estimates the lag of a motion behind the forces, N, of a sensor that carries `payload`. Returns
-/// `None` if no lag is clearly best: in a run without motion, or dominated by other forces.
+/// Estimates the lag of a motion behind the forces, N, of a sensor that carries `payload`. `None`
+/// if no lag is clearly best: without motion, or among larger forces.
 pub fn find_lag(
     payload: &Payload,
     motion: &Motion,
@@ -164,8 +164,7 @@ impl<'a> LagScan<'a> {
         (curvature > 0.0 && standard_error_s.is_finite()).then_some(Lag { lag_s, standard_error_s })
     }
 
-    /// Returns true if a lag leaves significantly larger residuals than the best one, judged over
-    /// the parts.
+    /// Returns true if a lag's residuals are significantly larger than the best, over the parts.
     fn is_worse(&self, lag: usize) -> bool {
         let more: [f64; PARTS] = from_fn(|part| self.sums[lag][part] - self.sums[self.best][part]);
         more.iter().sum::<f64>() / PARTS as f64 > CLEAR * standard_error(&more)

@@ -1,5 +1,4 @@
-//! Matrices in memory as a source of rows, for these tests and the certified problems of the
-//! program.
+//! Matrices in memory as a source of rows.
 
 use faer::{Mat, MatRef};
 
@@ -7,8 +6,8 @@ use super::{
     LeastSquares, LeastSquaresError, Method, Reduction, Ridge, RowChunk, RowSource, Shape, solve,
 };
 
-/// `X` and `Y` in memory. Columns are multiplied by powers of two that bring their largest element
-/// near one, so squares neither overflow nor underflow in any units, even with subnormal numbers.
+/// `X` and `Y`, columns multiplied by powers of two that bring their largest element near one:
+/// squares neither overflow nor underflow in any units, even with subnormal numbers.
 #[derive(Clone, Debug)]
 pub(crate) struct Dense<'a> {
     x: MatRef<'a, f64>,
@@ -92,8 +91,6 @@ impl RowSource for Dense<'_> {
     }
 }
 
-/// Solves `min ‖X·C − Y‖` for matrices in memory.
-///
 /// # Errors
 /// As [`solve`]; also if a coefficient is too large for an `f64`.
 pub(crate) fn solve_dense(
