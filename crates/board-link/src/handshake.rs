@@ -68,10 +68,8 @@ pub struct Stretch {
     pub frames: Vec<BoardFrame>,
 }
 
-/// Queries the board at a port; `stop` ends it early.
-///
-/// # Errors
-/// [`LinkError`] if the port cannot be opened or is lost.
+/// Queries the board at a port; `stop` ends it early. Fails with [`LinkError`] if the port cannot
+/// be opened or is lost.
 pub fn handshake(options: &HandshakeOptions, stop: &AtomicBool) -> Result<Handshake, LinkError> {
     let heard = listen(options)?;
     let mut found = Handshake { heard, ..Handshake::default() };

@@ -18,7 +18,6 @@ use super::LinkError;
 /// Timeout of a read; bounds the response time to Ctrl-C.
 const READ_TIMEOUT: Duration = Duration::from_millis(50);
 
-/// Prefix of a port over TCP: `tcp://HOST:PORT`.
 pub const TCP: &str = "tcp://";
 
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
@@ -72,10 +71,8 @@ impl PortOptions {
         self.port.starts_with(TCP)
     }
 
-    /// Opens the port for exclusive use.
-    ///
-    /// # Errors
-    /// [`LinkError`], which distinguishes a missing port, a port in use, and a lack of permission.
+    /// Opens the port for exclusive use. Fails with [`LinkError`], which distinguishes a missing
+    /// port, a port in use, and a lack of permission.
     pub fn open(&self) -> Result<Box<dyn Connection>, LinkError> {
         if let Some(address) = self.port.strip_prefix(TCP) {
             let connection = connect(address)
@@ -106,7 +103,6 @@ impl PortOptions {
     }
 }
 
-/// Connects to the first of a host's addresses that answers.
 fn connect(address: &str) -> Result<TcpStream, String> {
     let named = |error: std::io::Error| format!("{error}; a board over TCP is `tcp://HOST:PORT`");
     let mut reason = "the host has no address".to_owned();

@@ -128,9 +128,7 @@ enum Transport {
 
 impl Readers {
     /// Opens all destinations. An existing file is kept unless `overwrite` is set. The default
-    /// `format` is CSV for a file with that extension, otherwise JSON lines.
-    ///
-    /// # Errors
+    /// `format` is CSV for a file with that extension, otherwise JSON lines. Fails with
     /// [`OutputError`] for the first destination that cannot be opened.
     pub fn open(
         destinations: &[Destination],

@@ -97,8 +97,7 @@ pub struct StreamSummary {
 }
 
 impl FrameStream {
-    /// # Errors
-    /// [`UnsuitableCalibration`] if the calibration has another number of channels.
+    /// Fails with [`UnsuitableCalibration`] if the calibration has another number of channels.
     pub fn new(options: StreamOptions, readers: Readers) -> Result<Self, UnsuitableCalibration> {
         let forces = options.forces.map(RunningForces::new).transpose()?;
         let simultaneous = match (options.from_log, options.one_time) {
@@ -122,9 +121,7 @@ impl FrameStream {
         self.readers.are_gone()
     }
 
-    /// Passes on newly arrived frames, and adds requested marks to `marks`.
-    ///
-    /// # Errors
+    /// Passes on newly arrived frames, and adds requested marks to `marks`. Fails with
     /// [`RecordError`] if no rows can be passed on.
     pub fn push(
         &mut self,
@@ -235,9 +232,7 @@ impl FrameStream {
         }
     }
 
-    /// Sends the waiting rows, and ends the stream; returns its summary.
-    ///
-    /// # Errors
+    /// Sends the waiting rows, and ends the stream; returns its summary. Fails with
     /// [`RecordError`], after all readers have ended.
     pub fn finish(mut self) -> Result<StreamSummary, RecordError> {
         let passed = self.pass(&[], true);
@@ -312,10 +307,8 @@ impl Watcher for StreamWatcher {
 }
 
 impl StreamHandle {
-    /// Ends the stream; returns its summary, unless already taken.
-    ///
-    /// # Errors
-    /// [`RecordError`] if the stream has failed.
+    /// Ends the stream; returns its summary, unless already taken. Fails with [`RecordError`] if
+    /// the stream has failed.
     pub fn finish(&self) -> Result<Option<StreamSummary>, RecordError> {
         let stream = lock(&self.0).take().transpose()?;
         stream.map(|stream| stream.finish()).transpose()

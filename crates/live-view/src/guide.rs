@@ -7,11 +7,10 @@
 //! ```
 //!
 //! *Still*: over a second no channel scatters by more than [`QUIET`] times its noise at the start,
-//! and the means of its halves differ by no more. *Loaded*, with known forces: the wrench is nearer
-//! to the planned one than to zero, with axes scaled by the largest load of the plan. Without
-//! forces: the readings differ from the unloaded ones by a multiple of their noise and by a tenth
-//! of the largest excursion so far, and together by a quarter of that predicted from the recorded
-//! loads.
+//! and the means of its halves differ by no more. *Loaded*, with known forces: the wrench is nearer to the planned
+//! one than to zero, with axes scaled by the largest load of the plan. Without forces: the readings differ from the
+//! unloaded ones by a multiple of their noise and by a tenth of the largest excursion so far, and together by a
+//! quarter of that predicted from the recorded loads.
 
 use std::collections::VecDeque;
 

@@ -70,9 +70,7 @@ impl Teller {
 }
 
 impl ReferenceSource {
-    /// Opens the reference, starts it, and waits for the first sample.
-    ///
-    /// # Errors
+    /// Opens the reference, starts it, and waits for the first sample. Fails with
     /// [`ReferenceError`] if it cannot be opened, ends, or sends no sample in time.
     pub fn open(&self) -> Result<ReferenceInput, ReferenceError> {
         let (sender, samples) = channel();

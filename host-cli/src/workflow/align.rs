@@ -14,11 +14,9 @@ use shell_data::wrench::{Axes, Axis};
 /// The column of a board log with the times of edges, s.
 const EDGE_TIMES: &str = "sync_s";
 
-/// Reads both logs and aligns them; also returns the read summaries of the reference and the board log. `sync`
-/// is the column of the reference with a signal whose edges the board recorded as well.
-///
-/// # Errors
-/// [`WorkflowError`] if a log cannot be read, lacks time, wrench or readings, or if there is no clear match.
+/// Reads both logs and aligns them; also returns the read summaries of the reference and the board log. `sync` is the
+/// column of the reference with a signal whose edges the board recorded as well. Fails with [`WorkflowError`] if a
+/// log cannot be read, lacks time, wrench or readings, or if there is no clear match.
 pub fn align_logs(
     reference: &Log,
     board: &Log,
@@ -62,10 +60,8 @@ pub struct WrittenRows {
     pub uncovered: usize,
 }
 
-/// Writes the training log: `t_s` (the board's clock), `s1` …, `fx_n` … `mz_nm`.
-///
-/// # Errors
-/// [`io::Error`] if `out` fails.
+/// Writes the training log: `t_s` (the board's clock), `s1` …, `fx_n` … `mz_nm`. Fails with [`io::Error`] if `out`
+/// fails.
 pub fn write_training(aligned: &Aligned, out: &mut impl Write) -> io::Result<WrittenRows> {
     write!(out, "t_s")?;
     for channel in 1..=aligned.channels() {

@@ -1,5 +1,4 @@
-//! Evaluation of all trials of a manifest: in parallel, reported in order; a bad trial does not stop the
-//! others.
+//! Evaluation of all trials of a manifest: in parallel, reported in order; a bad trial does not stop the others.
 
 use std::collections::HashMap;
 use std::convert::Infallible;
@@ -157,8 +156,7 @@ impl Batch {
         conditions
     }
 
-    /// Statistics of every quantity in every condition, per trial and per stride; differences are from
-    /// `reference`.
+    /// Statistics of every quantity in every condition, per trial and per stride; differences are from `reference`.
     pub fn statistics(&self, reference: Option<&str>, seed: u64) -> Vec<ConditionRow> {
         let conditions = self.conditions();
         let mut rows = Vec::new();
@@ -180,8 +178,7 @@ impl Batch {
         rows
     }
 
-    /// Drag and lift over the phase of the leg in every condition with phase profiles, over the trials that
-    /// kept one.
+    /// Drag and lift over the phase of the leg in every condition with phase profiles, over the trials that kept one.
     pub fn phases(&self) -> Vec<(String, PhaseProfile)> {
         let results = || self.trials.iter().map(|trial| &trial.evaluated.result);
         let of = |condition: &str| {
@@ -205,8 +202,7 @@ impl Batch {
                     sample.add_cluster(strides.filter_map(|stride| quantity.of(&stride.measures)));
                 }
             }
-            // A stride's drag energy is over its own length, so its share of the trial's error is scaled by
-            // its mean.
+            // A stride's drag energy is over its own length, so its share of the trial's error is scaled by its mean.
             match result.row.shared_error(quantity) {
                 Some((parts, degrees)) => {
                     let scale = match (per, quantity.of(&result.row.measures)) {

@@ -6,9 +6,8 @@
 //! calibration can have; certified problems confirm this. If it would take minutes, the reference is refined
 //! QR instead, which stops when its gradient in double-double has converged.
 //!
-//! Rows are held in memory, so that reading them is not timed, and processed on one thread. Ridge by
-//! cross-validation and Huber's estimator solve other problems than least squares, so they have a run time
-//! here but no error.
+//! Rows are held in memory, so that reading them is not timed, and processed on one thread. Ridge by cross-validation
+//! and Huber's estimator solve other problems than least squares, so they have a run time here but no error.
 
 use std::time::Instant;
 
@@ -97,10 +96,8 @@ pub fn markdown(benches: &[ModelBench]) -> String {
     table
 }
 
-/// Runs every solver of `kinds` on one model.
-///
-/// # Errors
-/// [`FitError`] if the rows do not determine the coefficients, even in extended precision.
+/// Runs every solver of `kinds` on one model. Fails with [`FitError`] if the rows do not determine the coefficients,
+/// even in extended precision.
 pub fn bench(blocks: &[Block], model: Model, kinds: &[SolverKind]) -> Result<ModelBench, FitError> {
     let problem = problem(blocks, model)?;
     let rows: usize = blocks.iter().map(|block| block.rows).sum();
@@ -121,11 +118,8 @@ pub fn bench(blocks: &[Block], model: Model, kinds: &[SolverKind]) -> Result<Mod
     })
 }
 
-/// The problem that all solvers get: in the basis that the exact solver chooses, so that coefficients are
-/// comparable.
-///
-/// # Errors
-/// [`FitError`] if the rows do not determine the coefficients.
+/// The problem that all solvers get: in the basis that the exact solver chooses, so that coefficients are comparable.
+/// Fails with [`FitError`] if the rows do not determine the coefficients.
 pub fn problem(blocks: &[Block], model: Model) -> Result<FitProblem, FitError> {
     let first = blocks.first().map_or(&[][..], |block| &block.readings);
     let problem =
@@ -137,10 +131,7 @@ pub fn problem(blocks: &[Block], model: Model) -> Result<FitProblem, FitError> {
     }
 }
 
-/// Solves from readings to coefficients; this is the timed part.
-///
-/// # Errors
-/// As [`solver::fit`].
+/// Solves from readings to coefficients; this is the timed part. Fails like [`solver::fit`].
 pub fn solve(
     blocks: &[Block],
     kind: SolverKind,

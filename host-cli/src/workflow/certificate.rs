@@ -21,11 +21,9 @@ const LOADED: f64 = 0.05;
 /// Mean force, as a multiple of the error on loads, below which it may be such an error.
 const MEAN_ERRORS: f64 = 3.0;
 
-/// The uncertainty of a single frame, by source. A log of the `unloaded` sensor gives repeatability and
-/// drift; `reference` is the standard uncertainty of the reference, N and N·m.
-///
-/// # Errors
-/// [`WorkflowError`] if the log of the unloaded sensor cannot be used.
+/// The uncertainty of a single frame, by source. A log of the `unloaded` sensor gives repeatability and drift;
+/// `reference` is the standard uncertainty of the reference, N and N·m. Fails with [`WorkflowError`] if the log of
+/// the unloaded sensor cannot be used.
 pub fn budget(
     file: &CalibrationFile,
     unloaded: Option<&Log>,

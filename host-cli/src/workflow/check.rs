@@ -31,9 +31,6 @@ pub struct CheckedWeights {
 /// Compares the weights of a table with the forces that a calibration gives for their readings. The axes are
 /// `named`, otherwise those of the calibration and those that a weight loads. If the table has a line without
 /// a load, its wrench is the zero.
-///
-/// # Errors
-/// [`WorkflowError`].
 pub fn check_weights(
     file: &CalibrationFile,
     logs: &[Log],

@@ -43,9 +43,6 @@ pub struct DriftSummary {
 /// Finds the stationary intervals of a log and the drift of its zero from one to the next, in one pass: for
 /// the channels and, with a calibration, for the wrench. `temperature` is the column of the temperature if it
 /// is not [`TEMPERATURE`].
-///
-/// # Errors
-/// [`WorkflowError`].
 pub fn drift(
     log: &Log,
     calibration: Option<&Calibration>,
@@ -147,8 +144,7 @@ pub fn drift(
     })
 }
 
-/// The number in a cell of a temperature column, `None` if it is empty; text that is not a number is the
-/// error.
+/// The number in a cell of a temperature column, `None` if it is empty; text that is not a number is the error.
 fn temperature_of(text: &str) -> Result<Option<f64>, String> {
     let text = text.trim();
     if text.is_empty() {

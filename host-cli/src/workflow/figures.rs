@@ -27,11 +27,8 @@ pub struct FigureFolder<'a> {
 }
 
 impl FigureFolder<'_> {
-    /// Writes drag and lift over time, and the telemetry of some strides, of a trial with the trace of its
-    /// whole log: `STEM.drag.svg`, `STEM.telemetry.svg`.
-    ///
-    /// # Errors
-    /// [`OutputError`] if a file cannot be written.
+    /// Writes drag and lift over time, and the telemetry of some strides, of a trial with the trace of its whole log:
+    /// `STEM.drag.svg`, `STEM.telemetry.svg`. Fails with [`OutputError`] if a file cannot be written.
     pub fn write_trial(
         &self,
         stem: &str,
@@ -50,10 +47,8 @@ impl FigureFolder<'_> {
         self.write(&format!("{stem}.telemetry"), &figure)
     }
 
-    /// Writes the figures over all trials: `boxes.svg`, `phase.svg`.
-    ///
-    /// # Errors
-    /// [`OutputError`] if a file cannot be written.
+    /// Writes the figures over all trials: `boxes.svg`, `phase.svg`. Fails with [`OutputError`] if a file cannot be
+    /// written.
     pub fn write_batch(
         &self,
         conditions: &[ConditionRow],

@@ -25,11 +25,9 @@ pub struct FitData {
 }
 
 impl FitData {
-    /// Reads the rows of logs, and the labels needed for their groups. For a report also the labels of the
-    /// test logs and the times.
-    ///
-    /// # Errors
-    /// [`WorkflowError`] if a log cannot be read, or the logs differ in their channels or axes.
+    /// Reads the rows of logs, and the labels needed for their groups. For a report also the labels of the test logs
+    /// and the times. Fails with [`WorkflowError`] if a log cannot be read, or the logs differ in their channels or
+    /// axes.
     pub fn read(
         train: &[Log],
         test: &[Log],
@@ -58,10 +56,7 @@ impl FitData {
         Ok(read)
     }
 
-    /// Reads the rows of logs to test on; the training rows have already been read.
-    ///
-    /// # Errors
-    /// As [`FitData::read`].
+    /// Reads the rows of logs to test on; the training rows have already been read. Fails like [`FitData::read`].
     pub fn read_tests(
         &mut self,
         test: &[Log],
@@ -82,10 +77,7 @@ impl FitData {
         Ok(())
     }
 
-    /// Fits a calibration to the rows, which move into the fit, and examines both.
-    ///
-    /// # Errors
-    /// As [`calibration::fit()`].
+    /// Fits a calibration to the rows, which move into the fit, and examines both. Fails like [`calibration::fit()`].
     pub fn fit(&mut self, options: &FitOptions<'_>) -> Result<Fit, FitError> {
         let faults = |data: &Dataset, of: fn(String) -> Fault| {
             let found = doctor::check_rows(data, &self.channel_names);
@@ -103,8 +95,7 @@ impl FitData {
     }
 }
 
-/// A fit to logs with its calibration file and its suspicious rows by file and line: everything to write and
-/// print.
+/// A fit to logs with its calibration file and its suspicious rows by file and line: everything to write and print.
 #[derive(Debug)]
 pub struct FittedLogs {
     pub fit: Fit,
@@ -117,10 +108,8 @@ pub struct FittedLogs {
 }
 
 impl FittedLogs {
-    /// Describes a fit to the rows of training logs, tested on those of others.
-    ///
-    /// # Errors
-    /// [`WorkflowError`] if a companion file of a log cannot be read.
+    /// Describes a fit to the rows of training logs, tested on those of others. Fails with [`WorkflowError`] if a
+    /// companion file of a log cannot be read.
     pub fn new(
         fit: Fit,
         (train, test): (&[Log], &[Log]),
@@ -135,10 +124,7 @@ impl FittedLogs {
         Ok(Self { fit, file, used, dropped, outliers })
     }
 
-    /// HTML report.
-    ///
-    /// # Errors
-    /// [`FitError`] if the errors of groups cannot be computed.
+    /// HTML report. Fails with [`FitError`] if the errors of groups cannot be computed.
     pub fn report(&self, name: &str, command: &str) -> Result<String, FitError> {
         let (fit, file, outliers) = (&self.fit, &self.file, self.outlier_table());
         CalibrationReport { fit, file, name, command, outliers }.html()
@@ -190,10 +176,8 @@ fn wanted_for(logs: &[Log], asked: GroupsAsked, in_time: bool) -> Result<Wanted,
     Ok(Wanted { groups, time, ..rows_wanted() })
 }
 
-/// Reads logs and fits a calibration to them.
-///
-/// # Errors
-/// [`WorkflowError`] as [`FitData::read`] and [`calibration::fit()`].
+/// Reads logs and fits a calibration to them. Fails with [`WorkflowError`] as [`FitData::read`] and
+/// [`calibration::fit()`].
 pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit, WorkflowError> {
     let read = ReadOptions { threads: options.workers.threads, ..ReadOptions::default() };
     let mut data = FitData::read(train, test, (options, false), &read)?;
@@ -235,10 +219,8 @@ pub fn calibration_file(fit: &Fit, origin: Origin) -> CalibrationFile {
     }
 }
 
-/// The files that a fit to `data` was made from.
-///
-/// # Errors
-/// [`WorkflowError`] if a companion file of a log cannot be read.
+/// The files that a fit to `data` was made from. Fails with [`WorkflowError`] if a companion file of a log cannot be
+/// read.
 fn sources(
     (train, test): (&[Log], &[Log]),
     data: &FitData,
@@ -250,9 +232,7 @@ fn sources(
     Ok(files)
 }
 
-/// Logs of one role, with their companion files, and the number of their rows that were used.
-///
-/// # Errors
+/// Logs of one role, with their companion files, and the number of their rows that were used. Fails with
 /// [`WorkflowError`] if a companion file of a log cannot be read.
 pub fn log_sources(
     role: Role,

@@ -7,8 +7,7 @@ use calibration::quality::significant;
 use log_file::Log;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// Fewest rows for a subject to count as compared, together with a tenth of its rows; all rows if it has
-/// fewer.
+/// Fewest rows for a subject to count as compared, together with a tenth of its rows; all rows if it has fewer.
 const LEAST_ROWS: u64 = 10;
 
 /// A list of required comparisons. It passes only if every item was compared, and held.
@@ -146,9 +145,7 @@ impl ErrorLimits {
         self.axes.unwrap_or_else(limited)
     }
 
-    /// The axes of `logs` to compare with those of a calibration; the logs keep only these.
-    ///
-    /// # Errors
+    /// The axes of `logs` to compare with those of a calibration; the logs keep only these. Fails with
     /// [`WorkflowError`] if a requested comparison is impossible, or no axes are left.
     pub fn compared(&self, calibrated: Axes, logs: &mut [Log]) -> Result<Axes, WorkflowError> {
         let measured: Vec<Axes> = logs.iter().map(Log::axes).collect();

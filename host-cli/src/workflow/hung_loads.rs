@@ -34,8 +34,7 @@ pub struct HungReference {
     pub corrected: CorrectedLoads,
     /// Labels of the mountings whose offsets were estimated.
     pub mountings: Vec<String>,
-    /// The loads that held-out errors refer to, by label: as stated, or as found if the line of the table is
-    /// wrong.
+    /// The loads that held-out errors refer to, by label: as stated, or as found if the line of the table is wrong.
     pub judged_by: BTreeMap<String, PerAxis<f64>>,
     /// Labels of loads without readings.
     pub unread: Vec<String>,
@@ -46,11 +45,9 @@ pub struct HungReference {
 }
 
 impl HungReference {
-    /// Reads logs and assigns to their rows the wrench of the hung load, corrected by their readings.
-    ///
-    /// # Errors
-    /// [`WorkflowError`] if a log cannot be read, rows cannot be matched with loads, or these do not
-    /// determine a model of the sensors.
+    /// Reads logs and assigns to their rows the wrench of the hung load, corrected by their readings. Fails with
+    /// [`WorkflowError`] if a log cannot be read, rows cannot be matched with loads, or these do not determine a
+    /// model of the sensors.
     pub fn read(
         logs: &[Log],
         table: &HungLoads,
@@ -86,8 +83,7 @@ impl HungReference {
     }
 }
 
-/// The wrench that held-out errors at a load refer to: as stated, or as found if the line of the table is
-/// wrong.
+/// The wrench that held-out errors at a load refer to: as stated, or as found if the line of the table is wrong.
 pub(super) fn judged(load: &HungLoad, corrected: &CorrectedLoad) -> PerAxis<f64> {
     if corrected.suspicious.is_some() { corrected.wrench } else { load.wrench() }
 }
@@ -206,8 +202,7 @@ pub(super) fn load_name(load: &HungLoad) -> String {
     format!("load `{}` (line {}: {load})", load.group, load.line)
 }
 
-/// Axes to compare for a load: all that are calibrated, which it leaves at zero or loads, and others that it
-/// loads.
+/// Axes to compare for a load: all that are calibrated, which it leaves at zero or loads, and others that it loads.
 pub(super) fn axes_to_compare(load: &HungLoad, calibrated: Axes) -> Axes {
     calibrated.iter().chain(loaded_axes(load).iter()).collect()
 }

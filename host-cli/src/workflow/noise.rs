@@ -44,9 +44,6 @@ pub struct Scatter {
 
 /// Measures the scatter of the frames of a log, in one pass and constant memory. `window` is the unloaded
 /// block of time; `None` for the whole log.
-///
-/// # Errors
-/// [`WorkflowError`].
 pub fn noise(
     log: &Log,
     calibration: &Calibration,

@@ -87,10 +87,8 @@ impl NamedOutliers {
         report::OutlierTable { rows, count: self.count(), left_out }
     }
 
-    /// Writes the rows with the reason why each was left out.
-    ///
-    /// # Errors
-    /// [`csv::Error`] if `output` fails.
+    /// Writes the rows with the reason why each was left out. Fails with [`csv::Error`] if `output`
+    /// fails.
     pub fn write(&self, output: &mut dyn Write) -> csv::Result<()> {
         let mut table = csv::Writer::from_writer(output);
         table.write_record(HEADER.split(','))?;

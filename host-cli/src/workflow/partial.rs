@@ -56,11 +56,8 @@ struct ReadRows {
     digests: Vec<Fingerprint>,
 }
 
-/// Sums the rows of `logs`, exactly if possible. Sorts the logs by name if groups are kept. The caller sets
-/// program and date.
-///
-/// # Errors
-/// [`WorkflowError`] if a log cannot be read, or there are too many groups.
+/// Sums the rows of `logs`, exactly if possible. Sorts the logs by name if groups are kept. The caller sets program
+/// and date. Fails with [`WorkflowError`] if a log cannot be read, or there are too many groups.
 pub fn sum(logs: &mut [Log], options: &PartialOptions<'_>) -> Result<PartialFit, WorkflowError> {
     let axes = super::agree_on_axes(logs, &mut [])?;
     if options.groups.is_some() {
@@ -207,12 +204,9 @@ impl BlockStream<'_> {
     }
 }
 
-/// Fits a calibration to the sums of `merged`, which is [in order](PartialFit::put_in_order). Without
-/// `model`, the model of the sums is used.
-///
-/// # Errors
-/// [`WorkflowError`] if the rows do not determine the coefficients, or an option needs groups and there are
-/// none.
+/// Fits a calibration to the sums of `merged`, which is [in order](PartialFit::put_in_order). Without `model`, the
+/// model of the sums is used. Fails with [`WorkflowError`] if the rows do not determine the coefficients, or an
+/// option needs groups and there are none.
 pub fn fit_merged(
     merged: &PartialFit,
     model: Option<ModelRule>,

@@ -34,9 +34,6 @@ pub struct Recalibrated {
 
 /// Finds changes of a sensor since it was calibrated. The wrench comes from the logs, or from a table of the
 /// loads that were hung.
-///
-/// # Errors
-/// [`WorkflowError`].
 pub fn recalibrate(
     file: &CalibrationFile,
     logs: &[Log],

@@ -49,12 +49,10 @@ impl TimeWindow {
     }
 }
 
-/// Reads a log as [`Log::read`] does, for a calibration. If it has memory terms, `work` gets the blocks with
-/// these, in order; otherwise on any thread. If rows are to be numbered, it also gets the numbers of the rows
-/// from 0, in order, in place of their times.
-///
-/// # Errors
-/// As [`Log::read`]; `wanted` must include the time if the calibration needs it.
+/// Reads a log as [`Log::read`] does, for a calibration. If it has memory terms, `work` gets the blocks with these,
+/// in order; otherwise on any thread. If rows are to be numbered, it also gets the numbers of the rows from 0, in
+/// order, in place of their times. Fails like [`Log::read`]; `wanted` must include the time if the calibration needs
+/// it.
 pub(super) fn read_with_memory<T: Send, E: From<LogError>>(
     log: &Log,
     (wanted, read): (&Wanted, &ReadOptions<'_>),

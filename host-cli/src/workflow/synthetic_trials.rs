@@ -10,10 +10,8 @@ use simulation::synthetic_log::{
 };
 use simulation::virtual_robot::{ChannelForces, TrialSettings, Truth, VirtualTrial};
 
-/// Writes the log of a trial; returns the number of rows.
-///
-/// # Errors
-/// [`WorkflowError`] if the sensor cannot be modelled or `out` fails.
+/// Writes the log of a trial; returns the number of rows. Fails with [`WorkflowError`] if the sensor cannot be
+/// modelled or `out` fails.
 pub fn write_log(
     out: &mut impl Write,
     trial: &VirtualTrial,
@@ -63,12 +61,10 @@ pub struct SetTrial {
 /// File name of a set's manifest.
 pub const MANIFEST: &str = "manifest.csv";
 
-/// Writes the example set into `directory`, which is created if necessary: `per_condition` trials of each of
-/// the paper's conditions, their true values, and the manifest for `shellcal batch`. `base` sets everything
-/// but seed and condition; seeds count up from its seed.
-///
-/// # Errors
-/// [`WorkflowError`] if the settings do not define a trial or a file cannot be written.
+/// Writes the example set into `directory`, which is created if necessary: `per_condition` trials of each of the
+/// paper's conditions, their true values, and the manifest for `shellcal batch`. `base` sets everything but seed and
+/// condition; seeds count up from its seed. Fails with [`WorkflowError`] if the settings do not define a trial or a
+/// file cannot be written.
 pub fn write_set(
     outputs: &Outputs,
     directory: &Path,

@@ -70,10 +70,7 @@ pub(crate) struct Configured {
     lines: BTreeMap<&'static str, usize>,
 }
 
-/// Adds the settings of a file to the command line.
-///
-/// # Errors
-/// A file that cannot be read, or an invalid key or value.
+/// Adds the settings of a file to the command line. Fails on a file that cannot be read, or an invalid key or value.
 pub(crate) fn configure(
     mut arguments: Vec<OsString>,
     command: &mut Command,

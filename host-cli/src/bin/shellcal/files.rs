@@ -43,8 +43,7 @@ macro_rules! path {
         }
 
         impl Serialize for $name {
-            /// JSON cannot represent file names that are not Unicode: invalid parts become replacement
-            /// characters.
+            /// JSON cannot represent file names that are not Unicode: invalid parts become replacement characters.
             fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
                 serializer.serialize_str(&self.0.to_string_lossy())
             }
@@ -87,10 +86,8 @@ pub(crate) fn innermost<'a>(
     (command, matches)
 }
 
-/// Registers all files of the command line in `outputs`.
-///
-/// # Errors
-/// [`OutputError`] if an output is an input or another output.
+/// Registers all files of the command line in `outputs`. Fails with [`OutputError`] if an output is an input or
+/// another output.
 pub(crate) fn collect(mut matches: &ArgMatches, outputs: &Outputs) -> Result<(), OutputError> {
     loop {
         let mut inputs = values::<InputPath>(matches).filter(|path| !is_standard(path));

@@ -37,8 +37,7 @@ struct Args {
     command: cmd::Command,
 }
 
-/// Colour choice for help and for errors of the command line, which are printed while it is still being
-/// parsed.
+/// Colour choice for help and for errors of the command line, which are printed while it is still being parsed.
 fn color_of(arguments: impl Iterator<Item = OsString>) -> ColorChoice {
     let arguments: Vec<OsString> = arguments.take_while(|argument| argument != "--").collect();
     let value = |at: usize| match arguments[at].to_str()?.strip_prefix("--color")? {

@@ -63,8 +63,7 @@ fn write(path: &Path, bytes: &[u8]) {
     fs::write(path, bytes).unwrap();
 }
 
-/// Completions by bash of the last word of a command line. `compopt` works only at a prompt, so it is
-/// stubbed.
+/// Completions by bash of the last word of a command line. `compopt` works only at a prompt, so it is stubbed.
 fn completed_by_bash(script: &Path, line: &[&str]) -> Vec<String> {
     let words: Vec<String> = line.iter().map(|word| format!("'{word}'")).collect();
     let ask = format!(

@@ -178,8 +178,7 @@ impl Printer {
         Ok(AtomicFile::stdout())
     }
 
-    /// Prints the content of a file verbatim, in one write; prints nothing once the standard output has
-    /// failed.
+    /// Prints the content of a file verbatim, in one write; prints nothing once the standard output has failed.
     pub(crate) fn print(&self, content: &str) {
         let mut printed = lock(&self.printed);
         if printed.is_ok() {

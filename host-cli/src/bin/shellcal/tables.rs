@@ -67,8 +67,7 @@ fn text(header: &[&str], rows: &[Vec<String>]) -> Vec<String> {
     table.lines().map(|line| line.trim_end().to_owned()).collect()
 }
 
-/// Header and rows, each cell formatted by `cell`. Short rows are filled with empty cells, as in the text
-/// form.
+/// Header and rows, each cell formatted by `cell`. Short rows are filled with empty cells, as in the text form.
 fn whole(
     header: &[&str],
     rows: &[Vec<String>],

@@ -112,8 +112,7 @@ impl FrameConverter<'_> {
         ConvertedRows { time_s, wrench, written, frames, without_motion, watched }
     }
 
-    /// The rows of a block in which the zero is watched, if it is: those for which `is_fresh` is true, or
-    /// all.
+    /// The rows of a block in which the zero is watched, if it is: those for which `is_fresh` is true, or all.
     fn watched(&self, block: &Block, is_fresh: Option<&[bool]>) -> Option<WatchedFrames> {
         self.watch?;
         let fresh = is_fresh.map(|fresh| block.kept(fresh));

@@ -26,8 +26,7 @@ pub struct ConvertOptions {
     pub frame: Vec<FrameChange>,
     /// The columns written for every frame.
     pub columns: TableColumns,
-    /// The ends of the converter's range, at which a reading is saturated. `None` to leave saturation
-    /// unflagged.
+    /// The ends of the converter's range, at which a reading is saturated. `None` to leave saturation unflagged.
     pub converter: Option<Converter>,
 }
 
@@ -182,9 +181,7 @@ pub struct OutputPlan {
 pub const DEFAULT_FRAME_ID: &str = "shell";
 
 impl OutputFormat {
-    /// Derives the format from the name of a file; devices and pipes, which have no extension, get CSV.
-    ///
-    /// # Errors
+    /// Derives the format from the name of a file; devices and pipes, which have no extension, get CSV. Fails with
     /// [`WorkflowError::Refused`].
     pub fn from_path(path: &Path, frame: &RecordingFrame) -> Result<Self, WorkflowError> {
         let extension = path.extension().map(|it| it.to_string_lossy().to_lowercase());

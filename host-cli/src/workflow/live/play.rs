@@ -20,12 +20,10 @@ const LONGEST: Duration = Duration::from_secs(1);
 /// A longer step between two rows is skipped instead of waited for, s of the log.
 const JUMP_S: f64 = 1.0;
 
-/// Plays a log at `speed` times its own pace, until its end or until `stop` is set. Hands its frames to `see`
-/// when they are due, and pauses while `is_held`. If the log has readings and a wrench, it plays the readings
-/// if `readings` is set.
-///
-/// # Errors
-/// [`WorkflowError`] if the log cannot be read, or has neither eight channels nor a wrench.
+/// Plays a log at `speed` times its own pace, until its end or until `stop` is set. Hands its frames to `see` when
+/// they are due, and pauses while `is_held`. If the log has readings and a wrench, it plays the readings if
+/// `readings` is set. Fails with [`WorkflowError`] if the log cannot be read, or has neither eight channels nor a
+/// wrench.
 pub fn play(
     log: &Log,
     read: &ReadOptions<'_>,

@@ -75,10 +75,7 @@ impl LogSeries {
         Self { maker, written: Vec::new(), is_on: false }
     }
 
-    /// Creates the next log.
-    ///
-    /// # Errors
-    /// [`OutputError`] if it cannot be created.
+    /// Creates the next log. Fails with [`OutputError`] if it cannot be created.
     pub fn begin(&mut self) -> Result<Box<dyn LogSink>, OutputError> {
         let log = (self.maker)(self.written.len())?;
         self.written.push(log.path().display().to_string());
@@ -175,11 +172,9 @@ impl<G: LoadGuide> LiveSession<G> {
         self.feed.ask(RecordCommand::Label(held));
     }
 
-    /// Takes the frames that arrived until `elapsed` after the start. Returns true if the view has to end
-    /// because its source is gone for good; after a played log, the last picture stays.
-    ///
-    /// # Errors
-    /// [`ForceError`] if the requested low-pass is impossible at the rate of the frames.
+    /// Takes the frames that arrived until `elapsed` after the start. Returns true if the view has to end because its
+    /// source is gone for good; after a played log, the last picture stays. Fails with [`ForceError`] if the
+    /// requested low-pass is impossible at the rate of the frames.
     pub fn advance(&mut self, elapsed: Duration, is_source_over: bool) -> Result<bool, ForceError> {
         let (frames, reference) = {
             let mut state = self.feed.state();

@@ -82,9 +82,6 @@ impl Sum {
 
 /// Fits the payload of a sensor to logs of poses at rest. A pose is the rows with one label of the group
 /// column, or each single row.
-///
-/// # Errors
-/// [`WorkflowError`].
 pub fn fit_payload(
     logs: &[Log],
     columns: &MotionColumns,

@@ -164,10 +164,8 @@ impl Sitting {
         self.csv(self.check.iter())
     }
 
-    /// Returns the line of the rig's table that a line of [`table`](Self::table) was recorded for.
-    ///
-    /// # Errors
-    /// The label of a load that the rig does not have.
+    /// Returns the line of the rig's table that a line of [`table`](Self::table) was recorded for. Fails with the
+    /// label of a load that the rig does not have.
     pub fn lines_of(&self, recorded: &HungLoads) -> Result<Vec<usize>, String> {
         let own = || recorded.loads().iter().map(|load| load.group.clone()).collect();
         let labels: Vec<String> = recorded
@@ -182,9 +180,6 @@ impl Sitting {
 
     /// Takes a load that was recorded for a line of the rig's table. Returns the label of its rows, or the
     /// fault for which it has to be recorded again.
-    ///
-    /// # Errors
-    /// [`SittingFault`].
     pub fn record(&mut self, line: usize, held: &HeldLoad) -> Result<String, SittingFault> {
         if let Some(fault) = held.fault(&self.usual, &self.largest) {
             self.finding = format!("load `{}`: {fault}; hold it again", self.label(line));
@@ -426,8 +421,7 @@ impl Sitting {
         (!all.is_empty()).then(|| table.to_csv(&all, &[(RIG_COLUMN.to_owned(), of_rig)]))
     }
 
-    /// Compares the reference with itself at the first rest after the newest load, or at the rest before that
-    /// load.
+    /// Compares the reference with itself at the first rest after the newest load, or at the rest before that load.
     fn watch_reference(&mut self, rest: Rest) {
         let loads = self.takes.len();
         if let Some((known, before)) = &self.rest {

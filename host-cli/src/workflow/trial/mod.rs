@@ -37,10 +37,8 @@ pub struct WindowSearch {
     pub proposal: Result<Proposal, NoWindow>,
 }
 
-/// Evaluates a trial on its log.
-///
-/// # Errors
-/// [`WorkflowError`] if the log cannot be read or the trial cannot be evaluated on it.
+/// Evaluates a trial on its log. Fails with [`WorkflowError`] if the log cannot be read or the trial cannot be
+/// evaluated on it.
 pub fn evaluate_log(job: &TrialJob<'_>, trial: &Trial) -> Result<Evaluated, WorkflowError> {
     let recorded = RecordedTrial::read(job, (trial.t_enter_s, trial.t_exit_s))?;
     // A fault of the window says more than a lack of rows in it.
@@ -57,11 +55,9 @@ pub fn evaluate_log(job: &TrialJob<'_>, trial: &Trial) -> Result<Evaluated, Work
     Ok(Evaluated { result, checksum: summary.checksum })
 }
 
-/// Evaluates a trial on its log between the entry and exit of `window_s`, on the log's clock; times that are
-/// not given are found in the drag, and the diagnostics say so.
-///
-/// # Errors
-/// [`WorkflowError`] if the log cannot be read, gives no window, or the trial cannot be evaluated on it.
+/// Evaluates a trial on its log between the entry and exit of `window_s`, on the log's clock; times that are not
+/// given are found in the drag, and the diagnostics say so. Fails with [`WorkflowError`] if the log cannot be read,
+/// gives no window, or the trial cannot be evaluated on it.
 pub fn evaluate_in_window(
     job: &TrialJob<'_>,
     trial: Trial,
@@ -82,11 +78,8 @@ pub fn evaluate_in_window(
     Ok(evaluated)
 }
 
-/// Finds entry and exit in the drag of a whole log, filtered without delay regardless of the options: a
-/// filter with a delay would make the window late.
-///
-/// # Errors
-/// [`WorkflowError`] if the log cannot be evaluated, or gives no forces.
+/// Finds entry and exit in the drag of a whole log, filtered without delay regardless of the options: a filter with a
+/// delay would make the window late. Fails with [`WorkflowError`] if the log cannot be evaluated, or gives no forces.
 pub fn search_window(job: &TrialJob<'_>) -> Result<WindowSearch, WorkflowError> {
     if job.instrument.calibration.is_none() {
         return Err(WorkflowError::NoCalibration);

@@ -194,8 +194,7 @@ impl ConvertArgs {
         Ok(OutputFormat::from_path(path, &frame)?)
     }
 
-    /// The output file for each log, `None` for the standard output. Conflicts are found here, before any
-    /// work.
+    /// The output file for each log, `None` for the standard output. Conflicts are found here, before any work.
     fn targets(&self, printer: &Printer) -> anyhow::Result<Vec<Option<PathBuf>>> {
         let count = self.logs.len();
         let file = self.output.as_ref().filter(|file| file.as_os_str() != "-");

@@ -1,5 +1,4 @@
-//! Serial ports: a list of this computer's ports, their names on the command line, and the options for
-//! opening one.
+//! Serial ports: a list of this computer's ports, their names on the command line, and the options for opening one.
 
 use std::path::Path;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
@@ -108,10 +107,7 @@ impl SerialArgs {
         }
     }
 
-    /// Refuses what only `stream` can.
-    ///
-    /// # Errors
-    /// `--to` names no board.
+    /// Refuses what only `stream` can. Fails if `--to` names no board.
     pub(crate) fn expect_board(&self) -> anyhow::Result<()> {
         let is_board = matches!(self.to, Recipient::Board(_));
         anyhow::ensure!(

@@ -213,8 +213,7 @@ impl FitArgs {
         self.fit(printer)
     }
 
-    /// Requires the errors on all rows that were not used for the fit: those held out, and those of the test
-    /// logs.
+    /// Requires the errors on all rows that were not used for the fit: those held out, and those of the test logs.
     fn ask_errors(&self, fitted: &Fit, gate: &mut Gate) {
         let (limits, axes) = (self.limits.of(None), fitted.calibration.axes);
         let train = format!("`{}`", self.train[0].display());

@@ -149,8 +149,7 @@ fn log_ratio(ratio: FoldMean) -> [f64; 2] {
     [ratio.value, ratio.standard_error]
 }
 
-/// The ridge, and the features that it penalises: with an intercept, readings are centred before powers are
-/// taken.
+/// The ridge, and the features that it penalises: with an intercept, readings are centred before powers are taken.
 fn ridge(ridge: f64, intercept: bool) -> String {
     let powers = if intercept { "centred" } else { "raw" };
     match ridge > 0.0 {

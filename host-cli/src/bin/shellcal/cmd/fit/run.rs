@@ -296,8 +296,7 @@ impl FitArgs {
             solver: self.solver,
             truncate: self.truncate,
             cross_validation: self.cv.or(self.loads.as_ref().map(|_| HeldOut::Column)),
-            // A covariance is needed only for a calibration file, and for the verdict on a cross-validated
-            // model.
+            // A covariance is needed only for a calibration file, and for the verdict on a cross-validated model.
             covariance: match self.covariance {
                 CovarianceRule::Auto | CovarianceRule::Rows if !self.keeps() && !self.judges() => {
                     CovarianceRule::Nothing

@@ -1,6 +1,5 @@
-//! The cells of a terminal's screen: each picture is drawn from scratch, and only changed lines are written.
-//! Dots and lines are drawn in Braille, eight dots to a cell, or in ASCII if the terminal cannot show
-//! Braille.
+//! The cells of a terminal's screen: each picture is drawn from scratch, and only changed lines are written. Dots and
+//! lines are drawn in Braille, eight dots to a cell, or in ASCII if the terminal cannot show Braille.
 
 use std::io::{self, Write};
 

@@ -94,10 +94,8 @@ pub(super) struct ServeArg {
 }
 
 impl ServeArg {
-    /// Starts the server for a browser if one is wanted.
-    ///
-    /// # Errors
-    /// It cannot listen, or there is neither a browser nor a terminal.
+    /// Starts the server for a browser if one is wanted. Fails if it cannot listen, or there is neither a browser nor
+    /// a terminal.
     pub(super) fn open(self) -> anyhow::Result<Option<Browser>> {
         let browser = self.serve.map(view::serve).transpose()?;
         ensure!(

@@ -342,8 +342,7 @@ mod tests {
     use live_view::{ErrorPoint, GuidePhase, LiveRow};
     use shell_data::wrench::Axes;
 
-    /// A model with a push to the right and a stroke upwards, one channel out of range, one saturated, and a
-    /// mark.
+    /// A model with a push to the right and a stroke upwards, one channel out of range, one saturated, and a mark.
     fn model(forces: bool) -> LiveModel {
         let ranges = Some(vec![ReadingRange { min: 1000.0, max: 3000.0 }; 8]);
         let mut model = LiveModel::new(ranges, 10.0, Axes::ALL);

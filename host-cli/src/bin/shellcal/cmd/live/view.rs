@@ -1,5 +1,4 @@
-//! The live view in the terminal, which draws and takes keys, and in browsers, which receive a page and
-//! pictures.
+//! The live view in the terminal, which draws and takes keys, and in browsers, which receive a page and pictures.
 
 use std::io::{self, Write};
 use std::net::{IpAddr, SocketAddr, UdpSocket};

@@ -219,10 +219,7 @@ fn parse_limits(text: &str) -> Result<PlanLimits, String> {
 }
 
 impl RigArgs {
-    /// The loads that the rig can do.
-    ///
-    /// # Errors
-    /// None are given, or too many, or the table cannot be read.
+    /// The loads that the rig can do. Fails if none are given, or too many, or the table cannot be read.
     pub(crate) fn table(&self) -> anyhow::Result<HungLoads> {
         if let Some(path) = &self.rig {
             return read_table(path);

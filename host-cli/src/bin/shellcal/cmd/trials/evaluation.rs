@@ -1,5 +1,4 @@
-//! Options of every command that evaluates trials, reading of manifests, and the evaluation of all their
-//! trials.
+//! Options of every command that evaluates trials, reading of manifests, and the evaluation of all their trials.
 
 use std::path::Path;
 

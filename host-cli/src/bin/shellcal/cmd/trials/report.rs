@@ -1,5 +1,4 @@
-//! `shellcal report`: a batch of trials as one HTML file, or a certificate of a calibration on one page to
-//! print.
+//! `shellcal report`: a batch of trials as one HTML file, or a certificate of a calibration on one page to print.
 
 use std::path::Path;
 
