@@ -305,8 +305,7 @@ impl StreamReader {
         let end = encoder.end(number, self.lost);
         let is_taken = match &mut self.way {
             Transport::Pipe(pipe) => pipe.send([&names, row, &end].concat())?,
-            // A datagram is a line. Errors are temporary: no program listens, or the network is
-            // down.
+            // A datagram is a line. Errors are temporary: no listener, or the network is down.
             Transport::Udp(socket) => {
                 if !names.is_empty() {
                     _ = socket.send(&names);
@@ -359,7 +358,6 @@ const PIECE: usize = 1 << 16;
 struct PipeReader {
     rows: Option<SyncSender<Vec<u8>>>,
     written: Arc<AtomicU64>,
-    /// `None` after it was joined.
     thread: Option<JoinHandle<io::Result<()>>>,
 }
 

@@ -80,7 +80,6 @@ pub struct FrameStream {
 #[derive(Debug, Default)]
 pub struct StreamOptions {
     pub forces: Option<LiveForces>,
-    /// True for frames from a log, which need no alignment.
     pub from_log: bool,
     /// True to align channels to a common time, as in `record`: frames wait for three more.
     pub one_time: bool,
@@ -145,7 +144,7 @@ impl FrameStream {
         Ok(())
     }
 
-    /// Returns the rows that are complete at `host_us`: with alignment, those of earlier frames.
+    /// Returns the rows complete at `host_us`: with alignment, those of earlier frames.
     fn rows(
         &mut self,
         frames: &[BoardFrame],
@@ -251,7 +250,6 @@ fn now_us() -> i64 {
     i64::try_from(now.as_micros()).unwrap_or(i64::MAX)
 }
 
-/// A watcher that streams a recording, and passes calls on to another watcher.
 #[derive(Debug)]
 pub struct StreamWatcher {
     state: Arc<Mutex<StreamState>>,
@@ -267,7 +265,7 @@ type StreamState = Option<Result<Box<FrameStream>, RecordError>>;
 pub struct StreamHandle(Arc<Mutex<StreamState>>);
 
 impl StreamWatcher {
-    /// Creates a watcher; it sets `stop` if the stream fails or has no readers left.
+    /// Creates a watcher that sets `stop` if the stream fails or has no readers left.
     pub fn new(
         stream: FrameStream,
         beside: Option<Box<dyn Watcher>>,

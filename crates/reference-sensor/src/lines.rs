@@ -37,7 +37,6 @@ enum Role {
 
 #[derive(Clone, Debug, Default)]
 pub struct LineReader {
-    /// The column names read last; `roles` has their meanings.
     names: Vec<String>,
     roles: Vec<Role>,
     axes: Axes,

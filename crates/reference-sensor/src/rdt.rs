@@ -122,10 +122,9 @@ pub enum RdtArrival {
 /// Records behind the newest at which a late one can still be distinguished from a restart.
 const WINDOW: usize = 128;
 
-/// Numbers records without wraps, and determines how each arrived.
-///
-/// A record whose number does not increase is late if its place is empty and it was measured before
-/// the newest; a duplicate if its place holds the same; otherwise the box has restarted.
+/// Numbers records without wraps, and determines how each arrived: one whose number does not
+/// increase is late if its place is empty and it was measured before the newest, a duplicate if its
+/// place holds the same; otherwise the box has restarted.
 #[derive(Clone, Debug)]
 pub struct RdtTracker {
     newest: Option<(RdtRecord, i64)>,

@@ -92,7 +92,7 @@ impl fmt::Display for ReferenceSource {
     }
 }
 
-/// An error in opening a reference. Errors of the system are text.
+/// Errors of the system are text.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ReferenceError {
     #[error("cannot open the reference `{source_name}`: {reason}")]
@@ -100,7 +100,6 @@ pub enum ReferenceError {
     #[error("cannot get `netftapi2.xml` from the reference `{source_name}`: {reason}")]
     NoPage {
         source_name: String,
-        /// The reason for each port that was tried.
         reason: String,
     },
     #[error("the reference `{source_name}`: {problem}")]

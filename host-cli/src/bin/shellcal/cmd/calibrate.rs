@@ -87,11 +87,9 @@ const CALIBRATION: &str = "calibration.json";
 const REPORT: &str = "report.html";
 const CERTIFICATE: &str = "certificate.html";
 
-/// The files of a sitting.
 struct SittingFolder(PathBuf);
 
 impl SittingFolder {
-    /// Creates the folder, unless it exists. Its files must not be inputs.
     fn create(path: &Path, printer: &Printer) -> anyhow::Result<Self> {
         create_folder(path)?;
         let folder = Self(path.to_path_buf());
@@ -100,7 +98,6 @@ impl SittingFolder {
         Ok(folder)
     }
 
-    /// Writes a file, which may be written again.
     fn write(&self, name: &str, text: &str) -> Result<(), OutputError> {
         Outputs::new().write(self.file(name), text.as_bytes())
     }
@@ -109,7 +106,6 @@ impl SittingFolder {
         self.0.join(name)
     }
 
-    /// The logs so far, in their order.
     fn logs(&self) -> Vec<PathBuf> {
         let first = self.file("session.csv");
         (1..).map(|number| numbered(&first, number)).take_while(|path| path.exists()).collect()
@@ -191,13 +187,11 @@ impl CalibrateArgs {
         self.finish(&sitting, &folder, &logs, printer)
     }
 
-    /// Opens recorded logs.
     fn open(&self, logs: &[PathBuf]) -> anyhow::Result<Vec<Log>> {
         let mapping = self.mapping.mapping();
         Ok(logs.iter().map(|path| Log::open(path, &mapping)).collect::<Result<_, _>>()?)
     }
 
-    /// Takes the loads that the folder has already.
     fn resume(
         &self,
         mut sitting: Sitting,
@@ -222,7 +216,6 @@ impl CalibrateArgs {
         Ok(sitting)
     }
 
-    /// Returns true if the logs have the wrench of a reference.
     fn is_measured(&self, logs: &[Log]) -> bool {
         logs.iter().all(Log::has_wrench)
     }
@@ -281,7 +274,6 @@ impl CalibrateArgs {
         Ok(Some(kept.sitting))
     }
 
-    /// Takes the loads of a recorded log one by one.
     fn replay(
         &self,
         mut sitting: Sitting,
@@ -303,7 +295,6 @@ impl CalibrateArgs {
         Ok(sitting)
     }
 
-    /// Writes calibration, report and certificate.
     fn finish(
         &self,
         sitting: &Sitting,
@@ -384,7 +375,6 @@ impl CalibrateArgs {
     }
 }
 
-/// Takes a recorded load again; returns its row of the table.
 fn take_again(
     sitting: &mut Sitting,
     rig: &HungLoads,
@@ -414,7 +404,6 @@ fn parsed(table: &str) -> anyhow::Result<HungLoads> {
     HungLoads::parse(table).context("the table of the sitting")
 }
 
-/// The certificate of a calibration file that was just written.
 fn certificate(
     file: &CalibrationFile,
     path: &Path,

@@ -113,7 +113,6 @@ pub(crate) struct ConvertArgs {
     mapping: MappingArgs,
 }
 
-/// The columns for `--columns`.
 const COLUMNS: [&str; 9] = ["t", "fx", "fy", "fz", "mx", "my", "mz", "se", "flags"];
 
 impl ConvertArgs {
@@ -244,7 +243,6 @@ impl ConvertArgs {
         Ok((of(texts), of(numbers)))
     }
 
-    /// All columns that log and calibration provide, or those that were requested by name.
     fn columns(&self, all: TableColumns) -> TableColumns {
         match &self.columns {
             None => TableColumns { interval: self.interval, ..all },
@@ -258,14 +256,12 @@ impl ConvertArgs {
     }
 }
 
-/// Parses a change of frame; the error names the expected form.
 fn frame_change(text: &str) -> Result<FrameChange, String> {
     text.parse().map_err(|error: NoFrameChange| {
         format!("{error}: expected {}", error.hint().unwrap_or_default())
     })
 }
 
-/// Parser for a percentage, converted to a share.
 fn level() -> impl TypedValueParser<Value = f64> {
     /// [`HIGHEST_LEVEL`] in percent.
     const HIGHEST: f64 = 100.0 * HIGHEST_LEVEL;

@@ -181,7 +181,6 @@ pub(crate) struct FitArgs {
     mapping: MappingArgs,
 }
 
-/// Groups kept by a partial fit.
 const GROUPS: [(&str, &str, KeptGroups); 3] = [
     ("auto", "Those of the group column where there is one, files otherwise", KeptGroups::Auto),
     ("file", "Files", KeptGroups::By(GroupKind::File)),
@@ -195,7 +194,6 @@ enum SearchArg<T> {
     Given(T),
 }
 
-/// Treatments of suspicious rows.
 const OUTLIERS: [(&str, &str, OutlierRule); 3] = [
     ("report", "Name them, with what they do to the fit, and use them", OutlierRule::Report),
     ("drop", "Leave them out, and list them in the file of `--dropped`", OutlierRule::Drop),
@@ -237,7 +235,6 @@ impl FitArgs {
     }
 }
 
-/// Parses a lag in ms, or rows.
 fn parse_lag(text: &str) -> Result<SearchArg<f64>, &'static str> {
     match text.parse() {
         _ if text == "auto" => Ok(SearchArg::Auto),
