@@ -86,6 +86,7 @@ impl Rest {
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct GuideView {
+    /// Empty if all are recorded.
     pub group: String,
     pub text: String,
     pub wrench: PerAxis<f64>,

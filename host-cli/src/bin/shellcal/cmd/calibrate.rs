@@ -90,6 +90,7 @@ const CERTIFICATE: &str = "certificate.html";
 struct SittingFolder(PathBuf);
 
 impl SittingFolder {
+    /// Creates the folder, unless it exists. Its files must not be inputs.
     fn create(path: &Path, printer: &Printer) -> anyhow::Result<Self> {
         create_folder(path)?;
         let folder = Self(path.to_path_buf());

@@ -262,6 +262,7 @@ fn frame_change(text: &str) -> Result<FrameChange, String> {
     })
 }
 
+/// Parser for a percentage, converted to a share.
 fn level() -> impl TypedValueParser<Value = f64> {
     /// [`HIGHEST_LEVEL`] in percent.
     const HIGHEST: f64 = 100.0 * HIGHEST_LEVEL;

@@ -111,6 +111,7 @@ impl DoctorArgs {
         Ok(outcome)
     }
 
+    /// Opens the ports of this computer, but does not query them.
     fn examine_ports(&self) -> anyhow::Result<Vec<Examination>> {
         let found = ports()?;
         if found.is_empty() {

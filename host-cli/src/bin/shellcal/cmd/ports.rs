@@ -13,7 +13,6 @@ use shared_proto::{Framing, Protocol};
 use super::choices::one_of;
 use crate::printer::Printer;
 
-/// Lists the serial ports of this computer.
 pub(super) fn list(printer: &Printer) -> anyhow::Result<()> {
     let ports = ports()?;
     printer.finish(&ports, |printer| {
@@ -72,16 +71,12 @@ pub(crate) struct SerialArgs {
     pub(crate) to: Recipient,
 }
 
-/// To whom something is sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Recipient {
-    /// A board, by the address of its module.
     Board(Address),
-    /// A program that reads a Net F/T box.
     NetFt(NetFtAddress),
 }
 
-/// Kinds of handshake.
 const FLOWS: [(&str, &str, FlowControl); 3] = [
     ("none", "None", FlowControl::None),
     ("hardware", "RTS/CTS", FlowControl::Hardware),

@@ -235,6 +235,7 @@ impl FitArgs {
     }
 }
 
+/// Parses a lag in ms, or rows.
 fn parse_lag(text: &str) -> Result<SearchArg<f64>, &'static str> {
     match text.parse() {
         _ if text == "auto" => Ok(SearchArg::Auto),

@@ -6,26 +6,20 @@ use shell_data::escape::is_invisible;
 
 use super::cells::{ACROSS, Area, CellGrid, CharacterCanvas, DOWN};
 
-/// The content of the screen.
 #[derive(Debug)]
 pub(super) struct LiveScreen<'a> {
     pub(super) model: &'a LiveModel,
-    /// The next planned load.
     pub(super) guide: Option<&'a GuideView>,
-    /// Name of the source: the port or the log.
     pub(super) source: &'a str,
     /// Protocol, rate, losses.
     pub(super) state: &'a str,
-    /// Name of the log that is being written.
     pub(super) recording: Option<&'a str>,
-    /// Confirmation of the last action.
     pub(super) message: &'a str,
     /// True if the terminal cannot show Braille.
     pub(super) ascii: bool,
     pub(super) color: bool,
 }
 
-/// Minimum size of the screen.
 const LEAST: (u16, u16) = (60, 14);
 
 /// Minimum length to which names are cut.
@@ -323,12 +317,10 @@ fn colour(position: usize) -> Color {
     [DarkRed, DarkGreen, DarkBlue, DarkMagenta, DarkYellow, DarkCyan][position % 6]
 }
 
-/// Number of decimals that distinguishes values on a scale of this length.
 pub(super) fn decimals(length: f64) -> usize {
     (2.0 - length.log10().floor()).clamp(0.0, 6.0) as usize
 }
 
-/// A round number without trailing zeros.
 fn short(value: f64) -> String {
     let text = format!("{value:.6}");
     let text = text.trim_end_matches('0').trim_end_matches('.');
@@ -469,7 +461,6 @@ mod tests {
         assert!(screen(&model, (40, 10), false, true).contains("60 x 14"));
     }
 
-    /// Only the names are cut, and their ends are kept.
     #[test]
     fn long_paths_do_not_hide_the_state() {
         let model = model(false);

@@ -17,7 +17,6 @@ use crate::cmd::choices::numbers;
 use crate::files::{InputPath, OutputPath, read_text};
 use crate::printer::Printer;
 
-/// Headings in help.
 const RIG: &str = "What the rig can do";
 
 /// Number of loads of a plan without a limit.
@@ -109,7 +108,6 @@ pub(crate) type PlanLimits = [Option<f64>; 2];
 /// Loads in their order, and the knowledge before them.
 struct LoadPlan {
     table: HungLoads,
-    /// Number of recorded poses.
     recorded: usize,
     criterion: &'static str,
     before: PredictedError,
@@ -236,7 +234,6 @@ impl RigArgs {
     }
 }
 
-/// Reads a table of loads.
 pub(crate) fn read_table(path: &InputPath) -> anyhow::Result<HungLoads> {
     HungLoads::parse(&read_text(path)?).with_context(|| format!("`{}`", path.display()))
 }

@@ -73,7 +73,6 @@ impl SimulateArgs {
         printer.finish(&document, |printer| report::print_channels(printer, &summaries))
     }
 
-    /// The positions of the sweep, common to all channels.
     fn course(&self, models: &[Model]) -> anyhow::Result<Course> {
         let channel = self.setup().channel;
         let row = [0.0, channel.pitch_m * f64::from(channel.beams - 1)];
@@ -91,12 +90,10 @@ impl SimulateArgs {
     }
 }
 
-/// The model of a channel; an error names the channel.
 fn model(setup: &Setup) -> anyhow::Result<Model> {
     Model::new(setup).with_context(|| format!("a channel {} cm wide", cm(setup.channel.width_m)))
 }
 
-/// Writes the rows of all channels.
 fn write_sweep(
     file: &mut AtomicFile,
     models: &[Model],
