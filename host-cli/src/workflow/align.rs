@@ -26,7 +26,6 @@ pub fn align_logs(
 ) -> Result<(Aligned, [ReadSummary; 2]), WorkflowError> {
     let mut wrench = Wanted { time: true, wrench: true, ..Wanted::default() };
     let mut readings = Wanted { time: true, readings: true, ..Wanted::default() };
-    // Check both before reading the first.
     reference.require(&wrench)?;
     reference.require_axes(Axes::ALL)?;
     board.require(&readings)?;
@@ -56,12 +55,10 @@ pub fn align_logs(
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct WrittenRows {
     pub written: usize,
-    /// Rows left out because the reference was not recording, or had a gap, around that time.
     pub uncovered: usize,
 }
 
-/// Writes the training log: `t_s` (the board's clock), `s1` …, `fx_n` … `mz_nm`. Fails with [`io::Error`] if `out`
-/// fails.
+/// Writes the training log: `t_s` (the board's clock), `s1` …, `fx_n` … `mz_nm`. Fails if `out` fails.
 pub fn write_training(aligned: &Aligned, out: &mut impl Write) -> io::Result<WrittenRows> {
     write!(out, "t_s")?;
     for channel in 1..=aligned.channels() {

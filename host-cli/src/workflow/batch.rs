@@ -19,9 +19,7 @@ use trial::{
 
 #[derive(Clone, Copy)]
 pub struct BatchOptions<'a> {
-    /// How trials are evaluated.
     pub trial: TrialOptions,
-    /// Meanings of the columns of the logs.
     pub mapping: &'a Mapping,
     /// How logs are read; `threads` is the number of trials evaluated at a time.
     pub read: ReadOptions<'a>,
@@ -31,34 +29,27 @@ pub struct BatchOptions<'a> {
     pub progress: Option<&'a (dyn Fn(usize) + Sync)>,
 }
 
-/// The results of a manifest.
 #[derive(Clone, Debug, Default)]
 pub struct Batch {
     /// The evaluated trials, in the order of the manifest.
     pub trials: Vec<BatchTrial>,
-    /// The rows that could not be evaluated.
     pub failures: Vec<FailedRow>,
-    /// Number of rows that the manifest excludes.
     pub excluded: usize,
 }
 
-/// A trial with its row in the manifest.
 #[derive(Clone, Debug)]
 pub struct BatchTrial {
     pub position: CellPosition,
     pub path: PathBuf,
-    /// The results, and the checksum of the log.
     pub evaluated: Evaluated,
 }
 
-/// A row that could not be evaluated.
 #[derive(Clone, Debug, Serialize)]
 pub struct FailedRow {
     #[serde(flatten)]
     pub position: CellPosition,
-    /// Name of the log in the manifest; empty if the row names none.
+    /// Name in the manifest; empty if the row names none.
     pub file: String,
-    /// The reason.
     pub message: String,
 }
 
@@ -129,7 +120,6 @@ fn evaluate_entry(
     Ok(BatchTrial { position: entry.position, path, evaluated })
 }
 
-/// The cell of a row that caused an error.
 fn faulty_cell(entry: &Entry, error: &WorkflowError) -> CellPosition {
     match error {
         WorkflowError::Trial(TrialError::OutsideLog { enter, first, .. }) if enter >= first => {

@@ -30,19 +30,15 @@ const MOST_REPETITIONS: usize = 9;
 
 #[derive(Clone, Debug)]
 pub struct ModelBench {
-    /// Name of the model, such as `cubic + offset`.
     pub model: String,
-    /// Number of coefficients of each axis.
     pub features: usize,
     pub rows: usize,
     /// Condition number of the features, with columns scaled to norm one.
     pub condition: f64,
-    /// Solver that errors are relative to.
     pub reference: &'static str,
     pub solvers: Vec<Measurement>,
 }
 
-/// The measurement of one solver on one model.
 #[derive(Clone, Debug)]
 pub struct Measurement {
     pub solver: &'static str,
@@ -53,11 +49,9 @@ pub struct Measurement {
     pub prediction_error: Option<f64>,
     /// True if no other solver is both faster and more accurate in its coefficients.
     pub on_front: bool,
-    /// The reason for having no solution.
     pub refused: Option<String>,
 }
 
-/// Runs every solver of `kinds` on every model, lazily.
 pub fn walk<'a>(
     blocks: &'a [Block],
     bases: &'a [Basis],

@@ -19,7 +19,6 @@ use shell_data::wrench::{Axes, Axis, PerAxis};
 /// exceeds on one of a dozen numbers in about one of twenty checks.
 const MARGIN: f64 = 1.53;
 
-/// Weights compared with the sensor's forces.
 #[derive(Clone, Debug)]
 pub struct CheckedWeights {
     /// The loads that were compared.
@@ -130,7 +129,6 @@ fn turned_deg(
         .then(|| angle.to_degrees())
 }
 
-/// The readings at a load, followed by the memory terms.
 fn readings_at(data: &Dataset, load: &HungLoad) -> Vec<Vec<f64>> {
     let mut all = Vec::new();
     for (_, block) in data.blocks() {

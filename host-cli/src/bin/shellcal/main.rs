@@ -51,7 +51,6 @@ fn color_of(arguments: impl Iterator<Item = OsString>) -> ColorChoice {
     }
 }
 
-/// Text for a call without arguments.
 const GREETING: &str = "\
 From recordings of an optical force/torque shell to forces and moments:
 
@@ -117,7 +116,6 @@ fn refuse(error: &clap::Error) -> ! {
     }
 }
 
-/// Runs a command with the settings of its data.
 fn run(
     command: &mut clap::Command,
     config: &config::ConfigArgs,

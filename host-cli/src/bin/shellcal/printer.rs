@@ -29,13 +29,11 @@ use crate::tables::{self, TableForm};
 #[must_use]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Outcome {
-    /// Done.
     Done = 0,
     /// The command ran, but a check that the user requested has failed.
     CheckFailed = 1,
 }
 
-/// For commands without checks.
 impl From<()> for Outcome {
     fn from((): ()) -> Self {
         Self::Done
@@ -73,13 +71,11 @@ pub(crate) struct OutputArgs {
     color: ColorChoice,
 }
 
-/// A column of a table: its name, and the function that formats a record.
 pub(crate) type TableColumn<'a, T> = (&'a str, &'a dyn Fn(&T) -> String);
 
 /// Interval of progress updates.
 const REDRAWN: Duration = Duration::from_millis(200);
 
-/// Output of a command's results and remarks.
 #[derive(Clone, Debug)]
 pub(crate) struct Printer {
     options: OutputArgs,
@@ -87,7 +83,6 @@ pub(crate) struct Printer {
     has_table: Arc<AtomicBool>,
     /// The first error of the standard output, if any.
     printed: Arc<Mutex<io::Result<()>>>,
-    /// True if a check has failed.
     has_failed: Arc<AtomicBool>,
     /// The files that the command reads and writes.
     pub(crate) files: Arc<Outputs>,
@@ -100,7 +95,6 @@ impl Printer {
         Self { options, has_table, printed, has_failed, files: Arc::default() }
     }
 
-    /// True if the user requested one JSON document instead of tables.
     pub(crate) fn json(&self) -> bool {
         self.options.json
     }
@@ -115,7 +109,6 @@ impl Printer {
         }
     }
 
-    /// True if the standard output is coloured.
     pub(crate) fn is_colored(&self) -> bool {
         self.is_painted(console::colors_enabled())
     }
@@ -126,7 +119,6 @@ impl Printer {
         self.decide(gate.passes())
     }
 
-    /// Decides the outcome of the command.
     pub(crate) fn decide(&self, passes: bool) -> Outcome {
         self.has_failed.store(!passes, Ordering::Relaxed);
         self.decided()
@@ -160,7 +152,6 @@ impl Printer {
         self.printed()
     }
 
-    /// Creates an output file, if one is named.
     pub(crate) fn create(&self, path: Option<&OutputPath>) -> anyhow::Result<Option<AtomicFile>> {
         Ok(path.map(|path| self.files.create(path)).transpose()?)
     }
@@ -191,7 +182,6 @@ impl Printer {
         Ok(std::mem::replace(&mut *lock(&self.printed), Ok(()))?)
     }
 
-    /// Prints one line of a result for people.
     pub(crate) fn line(&self, text: impl AsRef<str>) {
         self.tinted("", None, text.as_ref())
     }
@@ -230,7 +220,6 @@ impl Printer {
         self.print(&text);
     }
 
-    /// Prints a table with a row for each record.
     pub(crate) fn records<T>(
         &self,
         columns: &[TableColumn<'_, T>],
@@ -258,7 +247,6 @@ impl Printer {
         }
     }
 
-    /// True with `--verbose`.
     pub(crate) fn is_verbose(&self) -> bool {
         self.options.verbose
     }
@@ -280,7 +268,6 @@ impl Printer {
         self.talk("error: ", Some(Color::Red), text.as_ref());
     }
 
-    /// Reports why the command could not run.
     pub(crate) fn error(&self, error: &anyhow::Error) {
         self.talk("error: ", Some(Color::Red), &format!("{error:#}"));
         if let Some(hint) = for_error(error) {
@@ -306,7 +293,6 @@ impl Printer {
         work(ReadOptions { progress: Some(&progress), ..read })
     }
 
-    /// A progress bar over items.
     pub(crate) fn count(&self, label: &str, total: u64) -> ProgressBar {
         self.bar(label, total, "{msg} {wide_bar} {human_pos}/{human_len} {eta}")
     }
@@ -342,7 +328,6 @@ impl Printer {
     }
 }
 
-/// A word in bold and coloured.
 fn painted(word: &str, color: Option<Color>, is_on: bool) -> StyledObject<&str> {
     let style = color.map_or_else(Style::new, |color| Style::new().bold().fg(color));
     style.force_styling(is_on).apply_to(word)

@@ -205,7 +205,6 @@ pub fn convert(
     })
 }
 
-/// The correction for the lag of the reference.
 fn clock(
     calibration: &Calibration,
     made_up_for: Option<ReferenceLag>,

@@ -133,7 +133,6 @@ impl ReportArgs {
         Ok(outcome)
     }
 
-    /// Writes the certificate of a calibration.
     fn certify(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let (path, args, output) = (&self.manifest, &self.evaluation, &self.output);
         let out = printer.files.create(output)?;
