@@ -13,13 +13,11 @@ use shell_data::wrench::{AxisValues, PerAxis};
 /// The column that `record` writes the temperature of the die to.
 pub const TEMPERATURE: &str = "temperature_c";
 
-/// Drift of the zero of a log.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct DriftSummary {
     pub rows: u64,
     /// Invalid rows that were left out.
     pub skipped_rows: u64,
-    /// Number of stationary intervals.
     pub rests: usize,
     /// The middle of the first stationary interval, s.
     pub first_s: f64,

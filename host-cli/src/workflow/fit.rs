@@ -15,19 +15,16 @@ use log_file::{Log, ReadOptions, Wanted, read_dataset, sample_logs};
 use report::{CalibrationReport, OutlierTable};
 use shell_data::dataset::{Dataset, LogRows};
 
-/// Rows for training and testing.
 #[derive(Debug, Default)]
 pub struct FitData {
     pub train: Dataset,
     pub test: Dataset,
-    /// Names of the channels, if they have any.
     pub channel_names: Vec<String>,
 }
 
 impl FitData {
-    /// Reads the rows of logs, and the labels needed for their groups. For a report also the labels of the test logs
-    /// and the times. Fails with [`WorkflowError`] if a log cannot be read, or the logs differ in their channels or
-    /// axes.
+    /// Reads the rows of logs, and the labels needed for their groups; for a report also the labels of the test
+    /// logs and the times. Fails if a log cannot be read, or the logs differ in their channels or axes.
     pub fn read(
         train: &[Log],
         test: &[Log],
@@ -56,7 +53,7 @@ impl FitData {
         Ok(read)
     }
 
-    /// Reads the rows of logs to test on; the training rows have already been read. Fails like [`FitData::read`].
+    /// Reads logs to test on; the training rows have already been read. Fails like [`FitData::read`].
     pub fn read_tests(
         &mut self,
         test: &[Log],
@@ -95,14 +92,12 @@ impl FitData {
     }
 }
 
-/// A fit to logs with its calibration file and its suspicious rows by file and line: everything to write and print.
 #[derive(Debug)]
 pub struct FittedLogs {
     pub fit: Fit,
     pub file: CalibrationFile,
     /// Outliers that were used, if the fit looked for some.
     pub used: Option<NamedOutliers>,
-    /// Outliers that were left out.
     pub dropped: NamedOutliers,
     outliers: OutlierRule,
 }
@@ -142,7 +137,6 @@ impl FittedLogs {
         }
     }
 
-    /// How the fit was made, and its faults.
     pub fn remarks(&self) -> Vec<Remark> {
         let mut remarks = about_fit(&self.fit);
         remarks.extend(self.used.iter().flat_map(NamedOutliers::remarks));
@@ -176,8 +170,7 @@ fn wanted_for(logs: &[Log], asked: GroupsAsked, in_time: bool) -> Result<Wanted,
     Ok(Wanted { groups, time, ..rows_wanted() })
 }
 
-/// Reads logs and fits a calibration to them. Fails with [`WorkflowError`] as [`FitData::read`] and
-/// [`calibration::fit()`].
+/// Reads logs and fits a calibration to them. Fails like [`FitData::read`] and [`calibration::fit()`].
 pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit, WorkflowError> {
     let read = ReadOptions { threads: options.workers.threads, ..ReadOptions::default() };
     let mut data = FitData::read(train, test, (options, false), &read)?;
@@ -219,8 +212,7 @@ pub fn calibration_file(fit: &Fit, origin: Origin) -> CalibrationFile {
     }
 }
 
-/// The files that a fit to `data` was made from. Fails with [`WorkflowError`] if a companion file of a log cannot be
-/// read.
+/// The files that a fit to `data` was made from. Fails if a companion file of a log cannot be read.
 fn sources(
     (train, test): (&[Log], &[Log]),
     data: &FitData,
@@ -232,8 +224,7 @@ fn sources(
     Ok(files)
 }
 
-/// Logs of one role, with their companion files, and the number of their rows that were used. Fails with
-/// [`WorkflowError`] if a companion file of a log cannot be read.
+/// Logs of one role, with companion files, and the number of rows used. Fails if a companion cannot be read.
 pub fn log_sources(
     role: Role,
     logs: &[Log],

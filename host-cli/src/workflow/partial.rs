@@ -20,11 +20,8 @@ use shell_data::fingerprint::Fingerprint;
 
 #[derive(Clone, Copy)]
 pub struct PartialOptions<'a> {
-    /// The largest family of features to be fitted.
     pub basis: Basis,
-    /// True if the model has a constant.
     pub intercept: bool,
-    /// The groups whose sums are kept, if any.
     pub groups: Option<KeptGroups>,
     /// Seed that assigns rows to the random folds, which held-out errors are compared with.
     pub seed: u64,
@@ -32,7 +29,6 @@ pub struct PartialOptions<'a> {
     pub r_factors: bool,
     /// Use only rows whose readings differ from those of the previous row.
     pub fresh: bool,
-    /// Meanings of the columns of the logs.
     pub mapping: &'a Mapping,
     pub read: ReadOptions<'a>,
 }
@@ -44,15 +40,12 @@ pub enum KeptGroups {
     By(GroupKind),
 }
 
-/// Sums of some logs, also by group.
 type KeptLogs = (Sums, PartialGroups, ReadRows);
 
-/// Results of reading some logs, other than sums.
 struct ReadRows {
     /// For each group, the log that has its first row.
     first_in: Vec<usize>,
     summaries: Vec<ReadSummary>,
-    /// Fingerprint of the rows of each log.
     digests: Vec<Fingerprint>,
 }
 
@@ -108,7 +101,6 @@ pub fn sum(logs: &mut [Log], options: &PartialOptions<'_>) -> Result<PartialFit,
     Ok(partial)
 }
 
-/// Logs that are read block by block.
 struct BlockStream<'a> {
     logs: &'a [Log],
     by: GroupKind,
@@ -166,7 +158,6 @@ impl BlockStream<'_> {
         Ok((ReadRows { first_in, summaries, digests }, states))
     }
 
-    /// Exact sums by group.
     fn sum(&self, split: RandomSplit) -> Result<KeptLogs, WorkflowError> {
         let Model { basis, channels, .. } = self.model()?;
         let mut sums = GroupSums::new(basis, channels, Apart::Groups, split);
@@ -186,7 +177,6 @@ impl BlockStream<'_> {
         Ok((total, PartialGroups::exact(self.by, split, grouped, &rows.first_in), rows))
     }
 
-    /// R factors by group.
     fn factor(&self) -> Result<KeptLogs, WorkflowError> {
         let model = self.model()?;
         let sample = Wanted { readings: true, ..Wanted::default() };

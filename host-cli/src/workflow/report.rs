@@ -40,9 +40,8 @@ pub fn logs(batch: &Batch) -> Vec<Input> {
     inputs
 }
 
-/// The frames in the windows of trials with a reading that cannot be trusted; `None` without a calibration. Only logs
-/// whose diagnostics report such frames are read again; the first frames of each are named. Fails with [`LogError`]
-/// if one of these logs can no longer be read.
+/// The frames in the windows of trials with a reading that cannot be trusted; `None` without a calibration. Only
+/// logs whose diagnostics report such frames are read again; the first frames of each are named.
 pub fn doubtful(
     batch: &Batch,
     mapping: &Mapping,

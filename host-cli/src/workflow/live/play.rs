@@ -22,8 +22,7 @@ const JUMP_S: f64 = 1.0;
 
 /// Plays a log at `speed` times its own pace, until its end or until `stop` is set. Hands its frames to `see` when
 /// they are due, and pauses while `is_held`. If the log has readings and a wrench, it plays the readings if
-/// `readings` is set. Fails with [`WorkflowError`] if the log cannot be read, or has neither eight channels nor a
-/// wrench.
+/// `readings` is set. Fails if the log cannot be read, or has neither eight channels nor a wrench.
 pub fn play(
     log: &Log,
     read: &ReadOptions<'_>,
@@ -64,7 +63,6 @@ pub fn play(
     Ok(passed(log.read(&wanted, read, std::mem::take, play))?)
 }
 
-/// A row as a frame with this index.
 fn frame(block: &Block, row: usize, index: i64) -> BoardFrame {
     let measured = match block.readings.is_empty() {
         false => Measured::Readings(std::array::from_fn(|c| block.readings[c][row])),

@@ -30,7 +30,6 @@ pub enum Orientation {
     RollPitchYawDegrees,
 }
 
-/// The orientation of a sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Attitude {
     /// Gravity in the sensor's frame, m/s².

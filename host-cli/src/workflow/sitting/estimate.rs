@@ -17,10 +17,8 @@ use crate::workflow::hung_loads::{LoadCorrection, judged};
 /// of the range hardly changes it.
 const WORSE: f64 = 1.5;
 
-/// A model of the sensors, and its error on loads that were held out.
 #[derive(Clone, Debug)]
 pub struct Estimate {
-    /// The model.
     pub calibration: PhysicsCalibration,
     /// Root mean square error on held-out loads, N and N·m.
     pub error: PerAxis<f64>,
@@ -105,7 +103,6 @@ impl Estimate {
     }
 }
 
-/// Rows as columns.
 fn columns(rows: impl Iterator<Item = impl AsRef<[f64]>>) -> Vec<Vec<f64>> {
     let mut columns = Vec::new();
     for row in rows {
