@@ -38,7 +38,8 @@ impl Arrays<'_, '_> {
         self.repeats.as_ref().map_or(self.readings.nrows(), |(_, rows)| rows.len())
     }
 
-    /// Returns the rows as a data set. Without labels, or with `labels_all`, all get the same label.
+    /// Returns the rows as a data set. Without labels, or with `labels_all`, all get the same
+    /// label.
     pub(crate) fn dataset(&self, labels_all: bool) -> Result<Dataset, PythonFailure> {
         let rows = self.rows();
         let mut blocks = Vec::with_capacity(rows.div_ceil(BLOCK_ROWS));

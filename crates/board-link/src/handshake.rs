@@ -1,6 +1,5 @@
-//! A complete query of a board, and a short recording of its stream.
-//!
-//! The board's state does not change; a stream that was off is stopped again.
+//! A complete query of a board, and a short recording of its stream. The board's state does not
+//! change; a stream that was off is stopped again.
 
 use std::io::Write;
 use std::sync::atomic::AtomicBool;

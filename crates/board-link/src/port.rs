@@ -1,7 +1,6 @@
-//! Serial ports and connections over TCP: listing, opening, and diagnosis.
-//!
-//! Linux exposes in files who may open a port, which process has it open, and the latency of its
-//! adapter. On other systems only the result of opening is known.
+//! Serial ports and connections over TCP: listing, opening, and diagnosis. Linux exposes in files
+//! who may open a port, which process has it open, and the latency of its adapter. On other systems
+//! only the result of opening is known.
 
 use std::io::{Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};

@@ -81,7 +81,6 @@ pub enum RecordError {
     NoFrame { source_name: String, problem: NoFrame },
     #[error(transparent)]
     Calibration(#[from] UnsuitableCalibration),
-    /// A reference was requested, but the board itself sends wrenches.
     #[error("the board sends wrenches, and the reference belongs beside readings")]
     ReferenceBesideWrenches,
     #[error(transparent)]

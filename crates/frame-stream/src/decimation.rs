@@ -14,7 +14,6 @@ use crate::encoding::StreamRow;
 
 const ORDER: usize = 8;
 
-/// The cutoff, as a fraction of the new rate.
 const CUTOFF: f64 = 0.4;
 
 /// Fraction of an old signal at which the filter counts as settled.

@@ -31,7 +31,6 @@ pub enum Destination {
     File(PathBuf),
     Udp(SocketAddr),
     Tcp(SocketAddr),
-    /// A client of an ATI Net F/T box, which requests its records.
     NetFt(NetFtAddress),
 }
 

@@ -66,7 +66,6 @@ impl RdtCommand {
 pub mod status {
     /// Too busy, and may have skipped samples; no error.
     pub const BUSY: u32 = 1 << 3;
-    /// A strain gauge is at the end of its range.
     pub const GAGE_OUT_OF_RANGE: u32 = 1 << 27;
     pub const LOAD_OUT_OF_RANGE: u32 = 1 << 30;
     /// A bit that means an error is set.

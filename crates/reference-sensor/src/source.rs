@@ -100,6 +100,7 @@ pub enum ReferenceError {
     #[error("cannot get `netftapi2.xml` from the reference `{source_name}`: {reason}")]
     NoPage {
         source_name: String,
+        /// The reason for each port that was tried.
         reason: String,
     },
     #[error("the reference `{source_name}`: {problem}")]

@@ -1,8 +1,6 @@
-//! Alignment of a reference's recording and a board log into one training log.
-//!
-//! The required columns of both are held in memory: the offset may be anything, so no row can be dropped
-//! before the match is found. This takes 8 bytes per value: 56 per row of the reference (64 with a sync
-//! signal) and 72 per frame of eight readings.
+//! Alignment of a reference's recording and a board log into one training log. The required columns of both are held
+//! in memory: the offset may be anything, so no row can be dropped before the match is found. This takes 8 bytes per
+//! value: 56 per row of the reference (64 with a sync signal) and 72 per frame of eight readings.
 
 use std::io::{self, Write};
 

@@ -191,7 +191,6 @@ fn coefficient_error(found: &Mat<f64>, truth: &Mat<f64>) -> f64 {
 
 /// Largest `|X·ΔC|` over the rows, each axis in units of its RMS.
 fn prediction_error(blocks: &[Block], features: &Features, difference: &Mat<f64>) -> f64 {
-    /// Rows per block.
     const ROWS: usize = 512;
     let mut largest = [0.0_f64; 6];
     let mut squares = [0.0_f64; 6];

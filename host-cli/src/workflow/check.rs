@@ -21,7 +21,6 @@ const MARGIN: f64 = 1.53;
 
 #[derive(Clone, Debug)]
 pub struct CheckedWeights {
-    /// The loads that were compared.
     pub loads: Vec<CheckedLoad>,
     /// Passes if each line of the table was compared and differs by no more than the errors explain.
     pub gate: Gate,

@@ -16,7 +16,6 @@ pub const TEMPERATURE: &str = "temperature_c";
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct DriftSummary {
     pub rows: u64,
-    /// Invalid rows that were left out.
     pub skipped_rows: u64,
     pub rests: usize,
     /// The middle of the first stationary interval, s.

@@ -84,7 +84,6 @@ pub(super) fn judged(load: &HungLoad, corrected: &CorrectedLoad) -> PerAxis<f64>
 
 pub(super) struct LoadCorrection {
     pub(super) corrected: CorrectedLoads,
-    /// Labels of the mountings whose offsets were estimated.
     pub(super) mountings: Vec<String>,
 }
 

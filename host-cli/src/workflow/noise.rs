@@ -35,7 +35,6 @@ pub struct Scatter {
     pub mean: f64,
     /// RMS deviation from the mean.
     pub rms: f64,
-    /// Largest minus smallest value.
     pub peak_to_peak: f64,
 }
 
@@ -99,7 +98,6 @@ pub fn noise(
     })
 }
 
-/// Mean, variance and extremes of a column.
 #[derive(Clone, Copy, Debug)]
 struct ColumnStatistics {
     variance: RunningVariance,

@@ -11,7 +11,6 @@ use report::{Input, OutlierRow, OutlierTable};
 use shell_data::block::Block;
 use trial::{Diagnostic, Instrument, Profile, TrialOptions, TrialResult};
 
-/// Maximum number of rows of one log that are named.
 const NAMED: usize = 20;
 
 /// A file with its checksum. Fails with [`io::Error`] if the file cannot be read.

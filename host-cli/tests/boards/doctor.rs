@@ -1,8 +1,7 @@
-//! `shellcal doctor` names planted faults, and finds none in sound set-ups.
-//!
-//! Faults of files are planted in the shipped recordings and in calibrations fitted to them, faults
-//! of boards in a fake board on a pty, faults of the system (permissions, adapters) in the tests of
-//! `link/port_state.rs` and `workflow/doctor/port.rs`.
+//! `shellcal doctor` names planted faults, and finds none in sound set-ups. Faults of files are
+//! planted in the shipped recordings and in calibrations fitted to them, faults of boards in a fake
+//! board on a pty. Unit tests of `board-link` and `doctor` plant faults of the system (permissions,
+//! adapters).
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -1,5 +1,5 @@
-//! Least squares in exact rational arithmetic, by Dixon's p-adic lifting (Numer. Math. 40, 1982). The
-//! result is checked: numerators and denominator satisfy the normal equations in whole numbers.
+//! Least squares in exact rational arithmetic, by Dixon's p-adic lifting (Numer. Math. 40, 1982).
+//! The result is checked: numerators and denominator satisfy the normal equations in whole numbers.
 
 use calibration::model::Model;
 use num_bigint::{BigInt, Sign};

@@ -4,11 +4,12 @@
 //! arrival = a + b · tick + delay,  delay ≥ 0
 //! ```
 //!
-//! `tick` is the sensor's time or sample number, b the duration of a tick. A radio, a queue or a busy program delays
-//! samples. The fastest samples determine the clock: the line lies below all arrivals, along the edge of their lower
-//! convex hull that spans the middle of the observed time (S. Moon, P. Skelly, D. Towsley: Estimation and removal of
-//! clock skew from network delay measurements, INFOCOM 1999). A delayed sample thus gets its time of measurement. The
-//! delay of the fastest sample itself cannot be determined from arrivals.
+//! `tick` is the sensor's time or sample number, b the duration of a tick. A radio, a queue or a
+//! busy program delays samples. The fastest samples determine the clock: the line lies below all
+//! arrivals, along the edge of their lower convex hull that spans the middle of the observed time
+//! (S. Moon, P. Skelly, D. Towsley: Estimation and removal of clock skew from network delay
+//! measurements, INFOCOM 1999). A delayed sample thus gets its time of measurement. The delay of
+//! the fastest sample itself cannot be determined from arrivals.
 
 use std::collections::VecDeque;
 
@@ -56,9 +57,9 @@ impl ArrivalClock {
         tick_s.map_or_else(Self::default, |tick_s| Self::known(tick_s, SAME_TICK))
     }
 
-    /// Adds the arrival of a sample; ticks must increase, others are ignored. The clock has been set
-    /// if all samples of half a second lie more than `jump_s` above the line, or one below it. For a
-    /// sensor that counts samples, `jump_s` is about their period.
+    /// Adds the arrival of a sample; ticks must increase, others are ignored. The clock has been
+    /// set if all samples of half a second lie more than `jump_s` above the line, or one below it.
+    /// For a sensor that counts samples, `jump_s` is about their period.
     pub fn push(&mut self, tick: f64, arrival_s: f64, jump_s: f64) {
         if self.newest.is_some_and(|(last, _)| tick <= last) {
             return;

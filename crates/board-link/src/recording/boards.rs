@@ -1,7 +1,6 @@
-//! The boards behind a port, each with its own stream.
-//!
-//! A base station in API mode names each packet's module, so modules are decoded separately. Behind
-//! a transparent one, packets name their board from version 3 of the protocol on.
+//! The boards behind a port, each with its own stream. A base station in API mode names each packet's module, so
+//! modules are decoded separately. Behind a transparent one, packets name their board from version 3 of the protocol
+//! on.
 
 use std::collections::VecDeque;
 use std::time::Duration;

@@ -24,9 +24,8 @@
 //! frame, or empty if none is close or the sensor reports an error. More columns precede the flags:
 //! `ref_index` and `ref_status`, the sample's number and the sensor's status word; `ref_missing`,
 //! the samples lost since the previous row's; `ref_t_s`, the sample's time on the clock of `t_s`;
-//! and `ref_t_error_s`, the error of that time, without the constant parts of both delays.
-//!
-//! If blocks of time are labelled, as planned loads are, `group` precedes the flags.
+//! and `ref_t_error_s`, the error of that time, without the constant parts of both delays. If
+//! blocks of time are labelled, as planned loads are, `group` precedes the flags.
 
 use std::collections::VecDeque;
 

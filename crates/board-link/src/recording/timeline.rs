@@ -77,7 +77,6 @@ pub(super) struct Timeline {
     pub(super) tracker: Tracker,
     newest: Option<(Stamp, i64)>,
     period: Period,
-    /// Silences with a possibly greater loss than counted as missing.
     pub(super) uncertain: u64,
     /// The board has announced a start, without a frame since.
     has_booted: bool,

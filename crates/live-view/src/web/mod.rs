@@ -9,10 +9,9 @@
 //! takes none is dropped. Connections, waiting orders and requests are bounded.
 //!
 //! Every client, such as a program without the token, may read an [`OpenDocument`]. Every other
-//! request must carry the token, and a `Host` that no other site can have (`request`).
-//!
-//! The server speaks plain HTTP 1.1 with one request per connection, without bodies, files or
-//! cookies. docs/adr/0009-live-in-a-browser.md explains why it uses no library and no WebSocket.
+//! request must carry the token, and a `Host` that no other site can have (`request`). The server
+//! speaks plain HTTP 1.1 with one request per connection, without bodies, files or cookies.
+//! docs/adr/0009-live-in-a-browser.md explains why it uses no library and no WebSocket.
 
 mod request;
 

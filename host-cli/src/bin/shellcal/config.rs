@@ -1,6 +1,5 @@
-//! Settings that belong to a set of data: `shellcal.toml` in the same directory, or the file of `--config`. Each
-//! key is the long name of an option. It sets that option in every command that has it, unless the command line
-//! sets it.
+//! Settings that belong to a set of data: `shellcal.toml` in the same directory, or the file of `--config`. Each key
+//! is the long name of an option. It sets that option in every command that has it, unless the command line sets it.
 
 use std::collections::BTreeMap;
 use std::ffi::OsString;
@@ -62,7 +61,6 @@ type Settings = BTreeMap<String, (usize, OsString)>;
 pub(crate) struct Configured {
     pub(crate) matches: ArgMatches,
     pub(crate) file: Option<PathBuf>,
-    /// The settings that were taken from it, with their lines.
     lines: BTreeMap<&'static str, usize>,
 }
 

@@ -73,7 +73,6 @@ pub(crate) struct OutputArgs {
 
 pub(crate) type TableColumn<'a, T> = (&'a str, &'a dyn Fn(&T) -> String);
 
-/// Interval of progress updates.
 const REDRAWN: Duration = Duration::from_millis(200);
 
 #[derive(Clone, Debug)]
@@ -84,7 +83,6 @@ pub(crate) struct Printer {
     /// The first error of the standard output, if any.
     printed: Arc<Mutex<io::Result<()>>>,
     has_failed: Arc<AtomicBool>,
-    /// The files that the command reads and writes.
     pub(crate) files: Arc<Outputs>,
 }
 
@@ -237,7 +235,6 @@ impl Printer {
         }
     }
 
-    /// Prints notes and warnings.
     pub(crate) fn remarks(&self, remarks: impl IntoIterator<Item = Remark>) {
         for remark in remarks {
             match remark {

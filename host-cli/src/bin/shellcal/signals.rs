@@ -84,7 +84,6 @@ mod platform {
 mod platform {
     use std::io;
 
-    /// Exit code of a program ended by Ctrl-C.
     const ENDED: i32 = 130;
 
     /// Signals are never ignored here.

@@ -104,7 +104,6 @@ fn nanoseconds(time_s: f64) -> Option<u64> {
     Some(exact.unwrap_or((time_s * 1e9).round() as u64).max(1))
 }
 
-/// The output of encoded frames, in order.
 pub(super) enum EncodedOutput<'a> {
     Text(&'a mut dyn Write),
     /// The writer, and the rows that are still to be written.

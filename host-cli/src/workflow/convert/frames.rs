@@ -133,7 +133,6 @@ impl FrameConverter<'_> {
         times
     }
 
-    /// The frames without their wrenches.
     fn frames(&self, block: &mut Block) -> ConvertedFrames {
         let Self { calibration, pipeline, options, .. } = self;
         let repeated = |(text, rows): &(String, usize)| std::iter::repeat_n(text.clone(), *rows);

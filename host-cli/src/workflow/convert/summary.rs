@@ -21,7 +21,6 @@ pub struct ConvertSummary {
     pub rows: u64,
     /// Duplicates: rows whose readings equal the previous row's.
     pub repeated_rows: u64,
-    /// Invalid rows that were left out.
     pub skipped_rows: u64,
     pub frames: u64,
     pub rows_used: RowFilter,

@@ -17,9 +17,7 @@ pub(super) struct WrenchTable {
     /// The names of the text columns: those carried along, and the flags.
     texts: Vec<String>,
     has_flags: bool,
-    /// The names of the readings, from the log.
     pub(super) readings: Vec<String>,
-    /// The names of the channels in flags.
     channels: Vec<String>,
 }
 

@@ -87,9 +87,7 @@ pub(in crate::workflow) fn saturated(readings: &[f64; CHANNELS]) -> u8 {
 #[derive(Debug)]
 struct PlayClock {
     speed: f64,
-    /// An instant, and the time of the log at it.
     set: Option<(Instant, f64)>,
-    /// Time of the last due row.
     last_s: Option<f64>,
 }
 

@@ -51,7 +51,6 @@ impl LiveAction {
 /// Creates the next log; its argument is the number of logs created so far.
 pub type LogMaker = Box<dyn Fn(usize) -> Result<Box<dyn LogSink>, OutputError>>;
 
-/// Logs of a view, one after the other.
 pub struct LogSeries {
     maker: LogMaker,
     written: Vec<String>,
@@ -117,7 +116,6 @@ impl<G: LoadGuide> LiveSession<G> {
         }
     }
 
-    /// All data that a web page needs to draw the view.
     pub fn shown(&mut self) -> Value {
         self.pictures += 1;
         json!({
@@ -135,7 +133,6 @@ impl<G: LoadGuide> LiveSession<G> {
         self.guide.as_ref().map(LoadGuide::view)
     }
 
-    /// Labels the recorded rows of a load that was held.
     fn label(&mut self, held: FrameLabel) {
         let group = &held.group;
         let is_recorded = self.recording().is_some();
@@ -193,7 +190,6 @@ impl<G: LoadGuide> LiveSession<G> {
         Ok(rows)
     }
 
-    /// Name of the log that is being written.
     pub fn recording(&self) -> Option<&str> {
         self.logs.as_ref().and_then(LogSeries::current)
     }
@@ -338,7 +334,6 @@ pub fn guide_through(table: &HungLoads) -> Guide {
     Guide::new(table.loads().iter().zip(gains).map(guided).collect())
 }
 
-/// A time as hours, minutes and seconds.
 pub fn clock(time: Duration) -> String {
     let seconds = time.as_secs();
     format!("{:02}:{:02}:{:02}", seconds / 3600, seconds / 60 % 60, seconds % 60)

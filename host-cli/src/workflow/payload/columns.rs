@@ -213,7 +213,6 @@ impl FoundColumns {
     }
 }
 
-/// Vectors from the last three columns, row by row.
 fn vectors(columns: &[Vec<f64>], unit: f64) -> Option<Vec<Vector>> {
     let [x, y, z] = columns.last_chunk::<3>()?;
     Some(x.iter().zip(y).zip(z).map(|((x, y), z)| [*x, *y, *z].map(|v| unit * v)).collect())

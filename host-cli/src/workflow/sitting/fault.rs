@@ -38,7 +38,6 @@ pub enum SittingFault {
     },
     /// The reference moved while the readings stood still: during a load, or between loads at rest.
     Reference {
-        /// The axis that is furthest off.
         axis: Axis,
         by: f64,
     },

@@ -22,7 +22,6 @@ const LEAST_MOVED: f64 = 0.03;
 
 #[derive(Clone, Debug, Default)]
 pub struct HeldLoad {
-    /// Readings by channel.
     readings: [Vec<f64>; CHANNELS],
     saturated: [usize; CHANNELS],
     /// Wrench of the reference by axis, N and N·m; empty without a reference.

@@ -117,7 +117,6 @@ impl Sitting {
         self.stage
     }
 
-    /// Returns the number of loads that are used.
     pub fn used(&self) -> usize {
         self.used_takes().count()
     }

@@ -46,7 +46,6 @@ Examples:
 
 Keys: n goes on to another load, b takes back the last one, q ends; what is recorded is kept";
 
-/// Duration of listening to the board before the sitting.
 const LISTEN: Duration = Duration::from_secs(2);
 
 #[derive(Debug, clap::Args)]
@@ -80,7 +79,6 @@ pub(crate) struct CalibrateArgs {
     mapping: MappingArgs,
 }
 
-/// Files of a sitting beside its logs.
 const LOADS: &str = "loads.csv";
 const CHECK: &str = "check.csv";
 const CALIBRATION: &str = "calibration.json";

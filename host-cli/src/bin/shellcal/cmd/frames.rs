@@ -10,7 +10,6 @@ use super::mapping::EditedArg;
 use crate::files::InputPath;
 use crate::printer::Printer;
 
-/// Headings in help.
 const TARING: &str = "Taring";
 const FILTERING: &str = "Filtering";
 

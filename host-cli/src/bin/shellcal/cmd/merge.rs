@@ -148,7 +148,6 @@ impl MergeArgs {
         Ok(Merged { sum, read, skipped })
     }
 
-    /// Warns of requested results that could not be had.
     fn warn(&self, fitted: &Fit, is_exact: bool, printer: &Printer) {
         fitted.warnings.iter().for_each(|warning| printer.warning(warning.to_string()));
         if fitted.selection.is_some() {

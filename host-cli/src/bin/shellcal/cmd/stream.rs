@@ -261,7 +261,7 @@ fn open(
 
 const NETFT_PAGE: &str = "/netftapi2.xml";
 
-/// Serves the page of a Net F/T box: where.
+/// Serves the page of a Net F/T box; returns the address.
 fn serve_page(page: &NetFtPage) -> anyhow::Result<SocketAddr> {
     let own = page.clone();
     let text = Arc::new(move || own.text());

@@ -71,7 +71,6 @@ pub(crate) struct InfoArgs {
     mapping: MappingArgs,
 }
 
-/// Heading in help.
 const AT_REST: &str = "A sensor at rest";
 
 /// Number of files above which only the overview is printed.
@@ -152,7 +151,6 @@ struct ScannedLog<'a> {
     log: &'a Log,
     summary: LogSummary,
     skipped_rows: u64,
-    /// Suspicious rows, by a fit to the others.
     outliers: Option<NamedOutliers>,
 }
 

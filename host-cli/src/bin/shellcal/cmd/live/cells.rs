@@ -29,7 +29,6 @@ struct Cell {
 #[derive(Debug, PartialEq)]
 pub(super) struct CellGrid {
     size: (u16, u16),
-    /// Row by row.
     cells: Vec<Cell>,
 }
 

@@ -197,7 +197,6 @@ fn announce(printer: &Printer, at: SocketAddr, address: &str) -> anyhow::Result<
     })
 }
 
-/// Function that produces frames until the flag is set.
 pub(super) type FrameSource = Box<dyn FnOnce(&AtomicBool) -> anyhow::Result<()> + Send>;
 
 pub(super) fn recording(

@@ -22,7 +22,6 @@ pub(super) struct LiveScreen<'a> {
 
 const LEAST: (u16, u16) = (60, 14);
 
-/// Minimum length to which names are cut.
 const LEAST_NAME: usize = 8;
 
 /// Columns of the labels of traces.

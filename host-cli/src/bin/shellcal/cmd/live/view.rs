@@ -44,7 +44,6 @@ impl RawTerminal {
         Ok(Self { shown: CellGrid::new((0, 0)) })
     }
 
-    /// Draws the screen, and writes the changed lines in one piece.
     fn show(&mut self, screen: &LiveScreen<'_>) -> io::Result<()> {
         // A console on a serial port reports zero columns and rows.
         let size = match terminal::size()? {

@@ -105,7 +105,6 @@ pub(crate) struct UntilArg {
 /// Error limits that end a plan: of forces in N and of moments in N·m.
 pub(crate) type PlanLimits = [Option<f64>; 2];
 
-/// Loads in their order, and the knowledge before them.
 struct LoadPlan {
     table: HungLoads,
     recorded: usize,

@@ -24,7 +24,6 @@ const MARGIN_M: f64 = 0.01;
 /// Distance between positions of a sweep, m.
 const STEP_M: f64 = 0.001;
 
-/// Maximum number of positions of a sweep.
 const MOST_POSITIONS: f64 = 1e9;
 
 impl SimulateArgs {
