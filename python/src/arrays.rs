@@ -38,7 +38,7 @@ impl Arrays<'_, '_> {
         self.repeats.as_ref().map_or(self.readings.nrows(), |(_, rows)| rows.len())
     }
 
-    /// Returns the rows as a data set. Without labels, or with `labels_all`, all get the same
+    /// Returns the rows as a data set. Without labels, and with `labels_all`, all rows get the same
     /// label.
     pub(crate) fn dataset(&self, labels_all: bool) -> Result<Dataset, PythonFailure> {
         let rows = self.rows();

@@ -66,24 +66,27 @@ macro_rules! commands {
 commands! {
     /// Identify and set up a board, list the ports, or simulate a board
     ///
-    /// Without a port, the serial ports of this computer are listed. With `--simulate` the program is a board itself,
-    /// on a new port whose name it prints: the firmware's library with the sensor model, for users without a board.
+    /// Without a port, the serial ports of this computer are listed. With `--simulate` the program is a board
+    /// itself, on a new port whose name it prints: the firmware's library with the sensor model, for users
+    /// without a board.
     Board(board::BoardArgs),
 
     /// Record what a board sends as CSV, until Ctrl-C or for `--duration`
     ///
-    /// Columns: t_s (the board's clock), s1 to s8 in steps of the 12-bit converter or, if the board streams wrenches,
-    /// fx_n to mz_nm; index (sequence number), missing (frames lost before the row), dropped (the board's own count,
-    /// modulo 256), temperature_c, the board's state about once a second (supply_v, and vrefint and dark1 to dark8 in
-    /// steps), after an edge at the sync input its number and time (sync, sync_s), and flags (s3:saturated, s3:range,
-    /// late, restart, skewed, untared). The channels of a row are interpolated to one time, unless `--as-sampled`.
-    /// The file grows by whole lines twice a second, and data written so far survive any failure.
+    /// Columns: t_s (the board's clock), s1 to s8 in steps of the 12-bit converter or, if the board streams
+    /// wrenches, fx_n to mz_nm; index (sequence number), missing (frames lost before the row), dropped (the
+    /// board's own count, modulo 256), temperature_c, the board's state about once a second (supply_v, and
+    /// vrefint and dark1 to dark8 in steps), after an edge at the sync input its number and time (sync,
+    /// sync_s), and flags (s3:saturated, s3:range, late, restart, skewed, untared). The channels of a row are
+    /// interpolated to one time, unless `--as-sampled`. The file grows by whole lines twice a second, and
+    /// data written so far survive any failure.
     Record(record::RecordArgs),
 
     /// Show forces and readings as they come, in the terminal or in a browser
     ///
-    /// Shows traces of the six axes with scale and noise, the eight channels in their calibrated range, the force as
-    /// an arrow from above and from the side, rate and losses. Recording does not wait for the display.
+    /// Shows traces of the six axes with scale and noise, the eight channels in their calibrated range, the
+    /// force as an arrow from above and from the side, rate and losses. Recording does not wait for the
+    /// display.
     Live(live::LiveArgs) if "live",
 
     /// Calibrate a sensor in one sitting: load by load, with the error on new poses after each
@@ -97,10 +100,11 @@ commands! {
 
     /// Pass frames on to other programs as they arrive: JSON lines or CSV, over a pipe, UDP or TCP
     ///
-    /// Each row has t_s (the board's clock), index (sequence number), host_s (time of arrival), the readings s1 to
-    /// s8, with a calibration the forces fx_n to mz_nm and their standard errors fx_se_n to mz_se_nm, flags, row
-    /// (number of the row), and lost (rows that this reader was too slow for). A slow reader loses rows and does not
-    /// delay others. Lines on the standard input are commands: tare, untare, mark, rate HZ, rate all.
+    /// Each row has t_s (the board's clock), index (sequence number), host_s (time of arrival), the readings
+    /// s1 to s8, with a calibration the forces fx_n to mz_nm and their standard errors fx_se_n to mz_se_nm,
+    /// flags, row (number of the row), and lost (rows that this reader was too slow for). A slow reader loses
+    /// rows and does not delay others. Lines on the standard input are commands: tare, untare, mark, rate HZ,
+    /// rate all.
     Stream(stream::StreamArgs),
 
     /// Find faults of a port and its board, a log or a calibration, and suggest remedies
@@ -111,7 +115,8 @@ commands! {
     /// computer are examined.
     Doctor(doctor::DoctorArgs),
 
-    /// Describe a log: format, columns, rows, timing, repeats, saturated or constant channels; or a sensor at rest
+    /// Describe a log: format, columns, rows, timing, repeats, saturated or constant channels; or a sensor at
+    /// rest
     ///
     /// With `--noise` or `--drift`, the log has to be of an unloaded sensor: reports its scatter, or the
     /// drift of its zero. `--plot` draws the zeros of the stationary intervals over time.
@@ -128,16 +133,18 @@ commands! {
     /// Plan which loads to hang next, in which order, and when to stop
     ///
     /// Picks the most informative of all loads that the rig can do: by a D-optimal design before anything is
-    /// recorded, and afterwards by the remaining uncertainty of a model of the sensors. A calibration then takes
-    /// about half the poses of a random order. `--plot` draws the predicted error against the number of poses.
+    /// recorded, and afterwards by the remaining uncertainty of a model of the sensors. A calibration then
+    /// takes about half the poses of a random order. `--plot` draws the predicted error against the number of
+    /// poses.
     Plan(plan::PlanArgs),
 
     /// Fit a calibration to logs with readings and a measured wrench
     ///
-    /// Compares models by cross-validation over groups of rows (a group column, files, poses that are found, or
-    /// blocks of time) and takes the best. The output starts with a verdict: the error on data that were not used for
-    /// the fit, the 95 % interval of a frame, what to use the calibration for, and what to record next. `--plot`
-    /// draws predicted against measured, and the residuals. The exit code is 1 if that error is above `--max-rms`.
+    /// Compares models by cross-validation over groups of rows (a group column, files, poses that are found,
+    /// or blocks of time) and takes the best. The output starts with a verdict: the error on data that
+    /// were not used for the fit, the 95 % interval of a frame, what to use the calibration for, and what to
+    /// record next. `--plot` draws predicted against measured, and the residuals. The exit code is 1 if that
+    /// error is above `--max-rms`.
     Fit(fit::FitArgs),
 
     /// Merge partial fits to a calibration
@@ -154,8 +161,9 @@ commands! {
 
     /// Check a calibrated sensor with a known weight or two
     ///
-    /// Compares the weights of a table with the sensor's forces, axis by axis, and allows for the calibration's 95 %
-    /// intervals and the errors of the weights. The exit code is 1 if a difference is larger than these explain.
+    /// Compares the weights of a table with the sensor's forces, axis by axis, and allows for the
+    /// calibration's 95 % intervals and the errors of the weights. The exit code is 1 if a difference is
+    /// larger than these explain.
     Check(check::CheckArgs),
 
     /// Convert logs of readings to forces and moments
