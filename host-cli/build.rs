@@ -7,20 +7,17 @@ use std::process::{Command, Stdio};
 const REAL_DATA: &str = "SHELLCAL_REAL_DATA";
 
 fn main() {
-    // Tests on real recordings are ignored if there are none.
     println!("cargo::rustc-check-cfg=cfg(real_data)");
     println!("cargo::rerun-if-env-changed={REAL_DATA}");
     if is_set(REAL_DATA) {
         println!("cargo::rustc-cfg=real_data");
     }
-    // Tests of manual pages are ignored without `groff`, which renders them.
     println!("cargo::rustc-check-cfg=cfg(groff)");
     let quiet =
         |program: &mut Command| program.stdout(Stdio::null()).stderr(Stdio::null()).status();
     if quiet(Command::new("groff").arg("--version")).is_ok_and(|status| status.success()) {
         println!("cargo::rustc-cfg=groff");
     }
-    // Tests of completions are ignored for shells that are not installed.
     for shell in ["zsh", "fish"] {
         println!("cargo::rustc-check-cfg=cfg({shell})");
         if quiet(Command::new(shell).arg("--version")).is_ok_and(|status| status.success()) {

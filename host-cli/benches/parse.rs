@@ -2,11 +2,10 @@
 //! csv-core with fast-float2, and the lower bound of reading the file and finding its line ends. The wrench
 //! has the digits of the lab's files, or all digits of a double.
 //!
-//! `cargo bench -p shellcal --bench parse` prints the results of divan, then a table of ratios for each
-//! kind of file. The ratios are measured in alternating rounds, so that other load on the machine affects
-//! all methods equally. The best times are compared, because other load disturbed them least. The
-//! environment variable `SHELLCAL_INSTRUCTIONS` (`avx512`, `avx2`, `neon`, `none`) selects the vector
-//! instructions of shellcal.
+//! `cargo bench -p shellcal --bench parse` prints the results of divan, then a table of ratios for each kind of
+//! file, measured in alternating rounds, so that other load on the machine affects all methods equally; the best
+//! times are compared, because other load disturbed them least. The environment variable `SHELLCAL_INSTRUCTIONS`
+//! (`avx512`, `avx2`, `neon`, `none`) selects the vector instructions of shellcal.
 
 #![expect(clippy::print_stdout, reason = "a benchmark prints its figures")]
 
@@ -28,7 +27,6 @@ const ROWS: usize = 77_522;
 /// Time, eight sensors and six wrench columns.
 const COLUMNS: usize = 15;
 
-/// Rounds of the table of ratios.
 const ROUNDS: usize = 31;
 
 static TWELVE_DIGITS: LazyLock<tempfile::NamedTempFile> =

@@ -1,6 +1,5 @@
-//! Time from rows in memory to coefficients, at the paper's size, on one thread.
-//!
-//! `cargo bench --bench solve`; the baseline for the exact sums is the plain `f64` Gram matrix.
+//! Time from rows in memory to coefficients, at the paper's size, on one thread. `cargo bench
+//! --bench solve`; the baseline for the exact sums is the plain `f64` Gram matrix.
 
 use calibration::exact::{Accumulator, ExactSums};
 use calibration::model::{Basis, Model, Term};

@@ -13,7 +13,6 @@ use simulation::synthetic_log::training_blocks;
 const SIZES: [(usize, &str); 4] =
     [(1_000, "1,000"), (10_000, "10,000"), (77_522, "77,522"), (1_000_000, "1,000,000")];
 
-/// Markers around the tables.
 const MARKS: [&str; 2] = ["<!-- tables of the bench -->\n", "<!-- end of the tables -->"];
 
 fn main() {

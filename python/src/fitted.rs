@@ -71,7 +71,6 @@ pub(crate) fn over_rows<T: Send>(
     })
 }
 
-/// Returns the source entry of a calibration fitted to arrays.
 pub(crate) fn source(rows: &Arrays<'_, '_>) -> SourceFile {
     SourceFile {
         role: Role::Train,

@@ -22,7 +22,6 @@ impl Watch {
         self.stop.load(Ordering::Relaxed)
     }
 
-    /// Adds to the amount of completed work.
     pub(crate) fn note(&self, more: u64) {
         self.done.fetch_add(more, Ordering::Relaxed);
     }

@@ -1,7 +1,6 @@
-//! A headless Chromium, driven over its DevTools protocol; errors are panics.
-//!
-//! A shell sets up a pair of pipes (`--remote-debugging-pipe`) for JSON documents, each terminated
-//! by a zero byte, to descriptor 3 and from descriptor 4. That needs neither port nor library.
+//! A headless Chromium, driven over its DevTools protocol; errors are panics. A shell sets up a
+//! pair of pipes (`--remote-debugging-pipe`) for JSON documents, each terminated by a zero byte, to
+//! descriptor 3 and from descriptor 4. That needs neither port nor library.
 #![expect(clippy::unwrap_used, reason = "a test may panic and say why")]
 
 use std::io::{BufRead, BufReader, Write};
@@ -111,10 +110,8 @@ impl Browser {
         self.evaluate("new Promise((painted) => requestAnimationFrame(() => requestAnimationFrame(() => painted(0))))");
     }
 
-    /// Clicks in the middle of the element that an expression returns.
-    ///
-    /// Repeats the click until the element receives it: a browser looks up the target in the last
-    /// frame painted, and may drop input.
+    /// Clicks in the middle of the element that an expression returns, until the element receives
+    /// the click: a browser looks up the target in the last frame painted, and may drop input.
     pub fn click(&mut self, element: &str) {
         let deadline = Instant::now() + PATIENCE;
         self.evaluate(&format!(

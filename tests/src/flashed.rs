@@ -1,7 +1,6 @@
-//! The flashed image on its microcontroller's model.
-//!
-//! The model is a Python program (`firmware/emulation`) that executes orders, one JSON object per
-//! line, and reports after each the bytes sent and the board's state, always the same.
+//! The flashed image on its microcontroller's model: a Python program (`firmware/emulation`) that
+//! executes orders, one JSON object per line, and reports after each the bytes sent and the board's
+//! state, always the same.
 #![expect(clippy::unwrap_used, reason = "a test may panic and say why")]
 
 use std::collections::BTreeMap;

@@ -16,10 +16,7 @@ use shared_proto::{Framing, Packet};
 /// The reference solution of the beam channel, perhaps in a folder next to the real recordings.
 pub const REFERENCE_VALUES: &str = "../oracles/beam.json";
 
-/// Returns the file `name` of the real recordings in `SHELLCAL_REAL_DATA`.
-///
-/// # Panics
-/// If the variable is not set, or the file does not exist.
+/// Returns the file `name` of the recordings in `SHELLCAL_REAL_DATA`; panics if either is missing.
 pub fn real_recording(name: &str) -> PathBuf {
     let root =
         std::env::var_os("SHELLCAL_REAL_DATA").expect("SHELLCAL_REAL_DATA names a directory");

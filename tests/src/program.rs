@@ -15,7 +15,6 @@ pub const PYTHON: &str = "SHELLCAL_PYTHON";
 
 const ATTEMPTS: u32 = 20;
 
-/// Returns the program, which is in the tests' target folder.
 pub fn shellcal() -> PathBuf {
     let this = std::env::current_exe().unwrap();
     let program = this.ancestors().nth(2).unwrap().join("shellcal");
@@ -64,7 +63,6 @@ pub fn ended(dir: &(impl AsRef<Path> + ?Sized), arguments: &str, code: i32) -> (
     check(output(dir, arguments), arguments, code)
 }
 
-/// Runs a command that must succeed; returns its output.
 pub fn succeed(dir: &(impl AsRef<Path> + ?Sized), arguments: &str) -> String {
     ended(dir, arguments, 0).0
 }

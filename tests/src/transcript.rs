@@ -1,7 +1,6 @@
 //! Transcripts in the documentation: commands and their output, in which `[..]` and `...` match anything.
 #![expect(clippy::unwrap_used, reason = "a test may panic and say why")]
 
-/// A command of a page, and its expected output.
 #[derive(Debug)]
 pub struct Step {
     pub command: String,

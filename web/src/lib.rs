@@ -6,9 +6,8 @@
 //! port ◀─▶ board.js ◀─▶ worker.js ◀─▶ abi ◀─▶ BoardSession
 //! ```
 //!
-//! [`answer`] and [`BoardSession`] are pure, and tested without a browser. Every request gets a
-//! fresh instance of the module, so that no state remains from a previous or cancelled one. A
-//! connection with a board has its own instance.
+//! [`answer`] and [`BoardSession`] are pure, and tested without a browser. Every request gets a fresh instance of the
+//! module, so that no state remains from a previous or cancelled one. A connection with a board has its own instance.
 
 #[cfg(target_family = "wasm")]
 mod abi;

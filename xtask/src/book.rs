@@ -1,7 +1,5 @@
-//! Builds a book of the repository's pages with mdBook.
-//!
-//! Some pages are outside `docs` and link to files that are not pages, so the book's source is a
-//! copy of all files that git tracks.
+//! Builds a book of the repository's pages with mdBook. Some pages are outside `docs` and link to
+//! files that are not pages, so the book's source is a copy of all files that git tracks.
 
 use std::collections::BTreeSet;
 use std::fs;

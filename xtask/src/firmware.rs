@@ -1,9 +1,8 @@
-//! `cargo xtask firmware`: builds the boards' images and reports their resource use.
-//!
-//! Flash, RAM and a bound on the stack are read from an image. Instructions and the observed stack
-//! depth come from the model of its microcontroller, the same in every run with the same compiler.
-//! All are printed next to `firmware/measured.toml`. An error is an image that does not fit, or a
-//! frame that costs far more than before.
+//! `cargo xtask firmware`: builds the boards' images and reports their resource use. Flash, RAM and
+//! a bound on the stack are read from an image. Instructions and the observed stack depth come from
+//! the model of its microcontroller, the same in every run with the same compiler. All are printed
+//! next to `firmware/measured.toml`. An image that does not fit, or a frame that costs far more
+//! than before, is an error.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -1,7 +1,6 @@
-//! `cargo xtask pictures`: the pictures of README, and the diagram of the crates.
-//!
-//! The figure of a calibration and the diagram have the same bytes on every machine, so they are
-//! compared; pages in browsers differ.
+//! `cargo xtask pictures`: the pictures of README, and the diagram of the crates. The figure of a
+//! calibration and the diagram have the same bytes on every machine, so they are compared; pages in
+//! browsers differ.
 
 use std::fs;
 use std::io::{BufRead, BufReader, Write};

@@ -5,9 +5,7 @@
 //! through a pointer can reach every function whose address occurs in the image, except tasks, and
 //! is followed [`INDIRECT`] deep. The interrupt of the urgent task is added, and on top of it the
 //! deepest of all others, with the registers that the core saves. The others share one priority,
-//! above the first, so they do not nest.
-//!
-//! Encodings: Arm DDI0403 (ARMv7-M), chapter A7.
+//! above the first, so they do not nest. Encodings: Arm DDI0403 (ARMv7-M), chapter A7.
 
 use std::collections::{BTreeMap, BTreeSet};
 

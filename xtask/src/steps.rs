@@ -22,9 +22,8 @@ pub(crate) fn workspace() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("xtask lies in the workspace")
 }
 
-/// Returns the cargo that runs this task, in the workspace's root.
-///
-/// The variable of the recordings is always the same, because build scripts depend on it.
+/// Returns the cargo that runs this task, in the workspace's root. The variable of the recordings
+/// is always the same, because build scripts depend on it.
 pub(crate) fn cargo(args: &[&str]) -> Command {
     let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
     command.args(args).current_dir(workspace());

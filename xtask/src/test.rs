@@ -1,9 +1,7 @@
-//! `cargo xtask test`: tests that the program works on this machine.
-//!
-//! After the set-up, everything is built once, and the test programs run in parallel. A test that
-//! needs more than the compiler is marked `#[ignore = "needs …"]`, so that plain `cargo test`
-//! leaves it out; here it runs if its requirement is met. `cargo xtask check studies` runs modules
-//! named `studies`.
+//! `cargo xtask test`: tests that the program works on this machine. After the set-up, everything
+//! is built once, and the test programs run in parallel. A test that needs more than the compiler
+//! is marked `#[ignore = "needs …"]`, so that plain `cargo test` leaves it out; here it runs if its
+//! requirement is met. `cargo xtask check studies` runs modules named `studies`.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};

@@ -14,23 +14,16 @@ use output_file::OutputError;
 
 /// A growing output for a log or for raw bytes: a file, or the memory of a web page.
 pub trait LogSink: Debug + Send {
-    /// Appends a piece, completely or not at all.
-    ///
-    /// # Errors
-    /// [`OutputError`] if there is no room for it.
+    /// Appends a piece, completely or not at all. Fails with [`OutputError`] if there is no room
+    /// for it.
     fn append(&mut self, piece: &[u8]) -> Result<(), OutputError>;
 
-    /// Closes the output.
-    ///
-    /// # Errors
-    /// [`OutputError`] if part of the data is lost.
+    /// Closes the output. Fails with [`OutputError`] if part of the data is lost.
     fn close(self: Box<Self>) -> Result<(), OutputError>;
 
     fn path(&self) -> &Path;
 
-    /// Creates an output for another board, whose name becomes part of the path.
-    ///
-    /// # Errors
+    /// Creates an output for another board, whose name becomes part of the path. Fails with
     /// [`OutputError`] if it cannot be created.
     fn beside(&self, board: &str) -> Result<Box<dyn LogSink>, OutputError>;
 }
@@ -46,10 +39,7 @@ pub struct AppendWriter {
 }
 
 impl AppendWriter {
-    /// Creates the file.
-    ///
-    /// # Errors
-    /// As [`open_growing`].
+    /// Creates the file. Fails like [`open_growing`].
     pub fn create(path: &Path, overwrite: bool) -> Result<Self, OutputError> {
         if path.as_os_str() == "-" {
             return Err(OutputError::Stdout);
@@ -113,11 +103,8 @@ impl LogSink for AppendWriter {
 }
 
 /// Opens a file for appending, but keeps an existing one unless `overwrite` is set; returns true
-/// for a regular file.
-///
-/// # Errors
-/// [`OutputError`] if the file cannot be created or its name has the extension of a binary table;
-/// if the file exists, the error's source has kind `AlreadyExists`.
+/// for a regular file. Fails with [`OutputError`] if the file cannot be created or its name has the
+/// extension of a binary table; if the file exists, the error's source has kind `AlreadyExists`.
 pub fn open_growing(path: &Path, overwrite: bool) -> Result<(File, bool), OutputError> {
     OutputError::check_text(path)?;
     let is_device = path.exists() && !path.is_file() && !path.is_dir();

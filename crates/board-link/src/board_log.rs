@@ -34,7 +34,6 @@ pub(super) struct BoardLog {
     pub(super) waiting: Vec<BoardFrame>,
     /// Frames that wait for the reference to reach their time.
     pub(super) behind: Vec<BoardFrame>,
-    /// True while frames wait for labels.
     pub(super) waits: bool,
     pub(super) other_content: u64,
     pub(super) frames: u64,

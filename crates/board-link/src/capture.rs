@@ -77,7 +77,6 @@ impl<R: BufRead> Read for CaptureReader<R> {
 mod tests {
     use super::*;
 
-    /// Reads all pieces with their times into a buffer of this size.
     fn pieces(file: &[u8], size: usize) -> Vec<(Option<Duration>, Vec<u8>)> {
         let (mut reader, mut buffer) = (CaptureReader::new(file).unwrap(), vec![0; size]);
         let mut pieces = Vec::new();

@@ -13,7 +13,6 @@ use super::LinkError;
 use super::record::read_port;
 use crate::recording::PacketWire;
 
-/// Attempts before a board counts as not answering.
 pub(crate) const ATTEMPTS: u32 = 5;
 
 /// Timeout of an answer. A radio takes tens of ms, erasing flash 25 ms.
@@ -28,7 +27,6 @@ pub struct Uplink {
     pub to: Address,
 }
 
-/// The address of all modules.
 pub const EVERY_MODULE: Address = Address::Short(0xFFFF);
 
 impl Uplink {
@@ -65,13 +63,9 @@ impl<P: Read + Write> Client<P> {
         Self { port, name, uplink, downlink, number, board: None, serials: Vec::new() }
     }
 
-    /// Sends a command repeatedly until its answer arrives.
-    ///
-    /// A command for one board goes to the chosen one, or else to the one that answers
-    /// [`Command::Identify`].
-    ///
-    /// # Errors
-    /// [`LinkError`]: no answer, a refusal, another protocol version, or a lost port.
+    /// Sends a command repeatedly until its answer arrives. A command for one board goes to the
+    /// chosen one, or else to the one that answers [`Command::Identify`]. Fails with [`LinkError`]:
+    /// no answer, a refusal, another protocol version, or a lost port.
     pub fn ask(&mut self, command: Command) -> Result<Answer, LinkError> {
         if self.board.is_none() && !command.is_for_all() {
             self.board = Some(self.identify()?.id());
@@ -144,10 +138,8 @@ impl<P: Read + Write> Client<P> {
         }
     }
 
-    /// Returns the board's identity.
-    ///
-    /// # Errors
-    /// As [`ask`](Self::ask); [`LinkError::SeveralBoards`] if more than one board answers.
+    /// Identifies the board. Fails like [`ask`](Self::ask); [`LinkError::SeveralBoards`] if more
+    /// than one board answers.
     pub fn identify(&mut self) -> Result<Identity, LinkError> {
         let Answer::Identity(identity) = self.ask(Command::Identify)? else {
             return Err(LinkError::WrongAnswer(Command::Identify));
@@ -200,10 +192,8 @@ impl<P: Read + Write> Client<P> {
         }
     }
 
-    /// Uploads a calibration and checks that the board stores it. Returns its CRC-32.
-    ///
-    /// # Errors
-    /// As [`ask`](Self::ask); [`LinkError::UnknownKind`] if the firmware is too old for this kind;
+    /// Uploads a calibration and checks that the board stores it. Returns its CRC-32. Fails like
+    /// [`ask`](Self::ask); [`LinkError::UnknownKind`] if the firmware is too old for this kind;
     /// [`LinkError::NotKept`] if the board has another calibration afterwards.
     pub fn upload(&mut self, calibration: &Calibration) -> Result<u32, LinkError> {
         let bytes = calibration.to_bytes();
@@ -281,10 +271,8 @@ const MOST_LEAK: f64 = 0.05;
 /// Rise that noise alone can cause, in steps.
 const NOISE: f64 = 8.0;
 
-/// Checks that an emitter raises its own channel and no other.
-///
-/// # Errors
-/// A description of the fault, with channels counted from 1.
+/// Checks that an emitter raises its own channel and no other. Fails with a description of the
+/// fault, with channels counted from 1.
 pub fn judge(emitter: usize, rise: &[i16; CHANNELS]) -> Result<(), String> {
     let number = emitter + 1;
     let own = rise.get(emitter).copied().unwrap_or(0);

@@ -1,6 +1,5 @@
-//! A complete query of a board, and a short recording of its stream.
-//!
-//! The board's state does not change; a stream that was off is stopped again.
+//! A complete query of a board, and a short recording of its stream. The board's state does not
+//! change; a stream that was off is stopped again.
 
 use std::io::Write;
 use std::sync::atomic::AtomicBool;
@@ -68,10 +67,8 @@ pub struct Stretch {
     pub frames: Vec<BoardFrame>,
 }
 
-/// Queries the board at a port; `stop` ends it early.
-///
-/// # Errors
-/// [`LinkError`] if the port cannot be opened or is lost.
+/// Queries the board at a port; `stop` ends it early. Fails with [`LinkError`] if the port cannot
+/// be opened or is lost.
 pub fn handshake(options: &HandshakeOptions, stop: &AtomicBool) -> Result<Handshake, LinkError> {
     let heard = listen(options)?;
     let mut found = Handshake { heard, ..Handshake::default() };

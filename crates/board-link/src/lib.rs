@@ -34,8 +34,6 @@ pub use upload::{NotForBoard, for_board};
 use shared_proto::{Board, Command, Refusal};
 use shell_data::hint::Hint;
 
-/// Errors between a board and the host.
-///
 /// System errors are text: a lost board must not look like a closed output pipe, a normal end.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum LinkError {

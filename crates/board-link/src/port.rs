@@ -1,7 +1,6 @@
-//! Serial ports and connections over TCP: listing, opening, and diagnosis.
-//!
-//! Linux exposes in files who may open a port, which process has it open, and the latency of its
-//! adapter. On other systems only the result of opening is known.
+//! Serial ports and connections over TCP: listing, opening, and diagnosis. Linux exposes in files
+//! who may open a port, which process has it open, and the latency of its adapter. On other systems
+//! only the result of opening is known.
 
 use std::io::{Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
@@ -18,7 +17,6 @@ use super::LinkError;
 /// Timeout of a read; bounds the response time to Ctrl-C.
 const READ_TIMEOUT: Duration = Duration::from_millis(50);
 
-/// Prefix of a port over TCP: `tcp://HOST:PORT`.
 pub const TCP: &str = "tcp://";
 
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
@@ -72,10 +70,8 @@ impl PortOptions {
         self.port.starts_with(TCP)
     }
 
-    /// Opens the port for exclusive use.
-    ///
-    /// # Errors
-    /// [`LinkError`], which distinguishes a missing port, a port in use, and a lack of permission.
+    /// Opens the port for exclusive use. Fails with [`LinkError`], which distinguishes a missing
+    /// port, a port in use, and a lack of permission.
     pub fn open(&self) -> Result<Box<dyn Connection>, LinkError> {
         if let Some(address) = self.port.strip_prefix(TCP) {
             let connection = connect(address)
@@ -106,7 +102,6 @@ impl PortOptions {
     }
 }
 
-/// Connects to the first of a host's addresses that answers.
 fn connect(address: &str) -> Result<TcpStream, String> {
     let named = |error: std::io::Error| format!("{error}; a board over TCP is `tcp://HOST:PORT`");
     let mut reason = "the host has no address".to_owned();

@@ -20,7 +20,6 @@ const PACE: Duration = Duration::from_millis(3);
 pub struct Source {
     name: String,
     input: Input,
-    /// Number of times that a lost port has come back.
     pub reconnections: u64,
 }
 
@@ -42,10 +41,8 @@ struct OpenPort {
 }
 
 impl Source {
-    /// Opens a port. With `reconnect`, a lost port is waited for.
-    ///
-    /// # Errors
-    /// [`LinkError`] if it cannot be opened now.
+    /// Opens a port. With `reconnect`, a lost port is waited for. Fails with [`LinkError`] if it
+    /// cannot be opened now.
     pub fn port(options: PortOptions, reconnect: bool) -> Result<Self, LinkError> {
         let (name, now) = (options.port.clone(), Instant::now());
         let port = OpenPort {
@@ -60,10 +57,7 @@ impl Source {
         Ok(Self { name, input: Input::Port(port), reconnections: 0 })
     }
 
-    /// Opens a file of raw bytes.
-    ///
-    /// # Errors
-    /// [`LinkError::Replay`] if it cannot be opened.
+    /// Opens a file of raw bytes. Fails with [`LinkError::Replay`] if it cannot be opened.
     pub fn replay(path: &Path) -> Result<Self, LinkError> {
         let refused = |error: io::Error| replay_error(path.display(), &error);
         // Opening a pipe would wait for its writer.
@@ -153,9 +147,8 @@ impl OpenPort {
     }
 }
 
-/// Records until the end, the duration or `stop`, and calls `observe` about twice a second.
-///
-/// When this returns, even with an error, every frame that arrived is in the log.
+/// Records until the end, the duration or `stop`, and calls `observe` about twice a second. When
+/// this returns, even with an error, every frame that arrived is in the log.
 pub fn record(
     source: &mut Source,
     sinks: Sinks,

@@ -55,7 +55,6 @@ pub enum RecordCommand {
     Settled(i64),
 }
 
-/// Progress of a recording, reported about twice a second.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RecordingProgress {
     pub elapsed: Duration,
@@ -65,7 +64,7 @@ pub struct RecordingProgress {
     pub losses: Losses,
     pub protocol: Option<Protocol>,
     pub connected: bool,
-    /// The newest wrench in N and N·m, if forces are enabled.
+    /// N and N·m, if forces are enabled.
     pub wrench: Option<AxisValues<f64>>,
     /// Bytes to send so that boards continue to stream; usually empty.
     pub commands: Vec<u8>,
@@ -82,7 +81,6 @@ pub enum RecordError {
     NoFrame { source_name: String, problem: NoFrame },
     #[error(transparent)]
     Calibration(#[from] UnsuitableCalibration),
-    /// A reference was requested, but the board itself sends wrenches.
     #[error("the board sends wrenches, and the reference belongs beside readings")]
     ReferenceBesideWrenches,
     #[error(transparent)]

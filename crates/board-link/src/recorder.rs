@@ -38,7 +38,6 @@ pub struct Sinks {
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Recorded {
-    /// The protocol, `None` if no data arrived.
     pub framing: Option<&'static str>,
     pub frames: u64,
     pub bytes: u64,
@@ -77,7 +76,6 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Creates a recorder; `name` is the port or file.
     pub fn new(name: &str, sinks: Sinks, options: RecordOptions) -> Self {
         let recognition = Recognition::new(options.protocol);
         Self { name: name.to_owned(), recognition, options, sinks, ..Self::default() }
@@ -88,7 +86,7 @@ impl Recorder {
         self.reference = input.map(|input| ReferenceBeside::new(input, epoch));
     }
 
-    /// Returns the bytes that let every board stream; none without [`RecordOptions::start`].
+    /// Returns bytes that let every board stream; none without [`RecordOptions::start`].
     pub fn commands(&mut self, arrival: Option<Duration>) -> Vec<u8> {
         let Some(uplink) = &self.options.start else { return Vec::new() };
         let heard = self.receiving.as_mut().map_or(&mut [][..], |(_, boards)| &mut boards.heard);
@@ -145,9 +143,7 @@ impl Recorder {
     }
 
     /// Takes bytes that arrived at `now`, a time since the start, and were sent about at `arrival`.
-    ///
-    /// # Errors
-    /// [`RecordError::NoFrame`] once frames are unlikely to come.
+    /// Fails with [`RecordError::NoFrame`] once frames are unlikely to come.
     pub fn take(
         &mut self,
         bytes: &[u8],
@@ -279,10 +275,8 @@ impl Recorder {
         Ok(())
     }
 
-    /// Decodes the remaining data, and writes all frames.
-    ///
-    /// # Errors
-    /// [`RecordError`], after everything that can be written is written.
+    /// Decodes the remaining data, and writes all frames. Fails with [`RecordError`], after
+    /// everything that can be written is written.
     pub fn finish(&mut self) -> Result<(), RecordError> {
         let recognised = self.recognition.finish();
         let recognised = self.recognised(recognised);

@@ -160,7 +160,6 @@ mod tests {
         Calibration::new(model, scaling, coefficients)
     }
 
-    /// Computes the wrench from the upload's layout, in double precision.
     fn on_the_board(calibration: &Cubic, counts: [u16; 8]) -> [f64; 6] {
         std::array::from_fn(|axis| {
             let features = (0..FEATURES).map(|j| {

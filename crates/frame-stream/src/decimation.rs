@@ -14,7 +14,6 @@ use crate::encoding::StreamRow;
 
 const ORDER: usize = 8;
 
-/// The cutoff, as a fraction of the new rate.
 const CUTOFF: f64 = 0.4;
 
 /// Fraction of an old signal at which the filter counts as settled.
@@ -56,9 +55,7 @@ impl Decimator {
         Self { rate_hz, stage, flags: String::new(), lost: false }
     }
 
-    /// Takes rows; returns those to pass on. The first wait until their rate is known.
-    ///
-    /// # Errors
+    /// Takes rows; returns those to pass on. The first wait until their rate is known. Fails with
     /// [`FilterError`] if the new rate is too low for the rate of the rows.
     pub fn push(
         &mut self,
@@ -178,7 +175,6 @@ mod tests {
         rows.flat_map(|row| decimator.push(vec![row], false).unwrap()).collect()
     }
 
-    /// Regression test: a rate too low for a filter used to pass every row.
     #[test]
     fn a_rate_that_is_too_low_is_refused_and_no_row_is_held_back() {
         let rows = || (0..60).map(|i| row(i, 1000, 1.0)).collect::<Vec<_>>();

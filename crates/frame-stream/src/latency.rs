@@ -78,8 +78,7 @@ mod tests {
     fn delays_are_beyond_the_fastest_row_of_their_stretch() {
         let mut latency = Latency::default();
         assert_eq!(latency.clone().summary(), None);
-        // 1 kHz for 60 s. The computer's clock gains 1 ms per block of time. One row in 50 is 5 ms
-        // late.
+        // 1 kHz for 60 s; the computer's clock gains 1 ms per block; one row in 50 is 5 ms late.
         for i in 0..60_000_i64 {
             let late = if i % 50 == 49 { 5000 } else { 0 };
             latency.push(i * 1000, 77_000_000 + i * 1000 + i / 10 + late);

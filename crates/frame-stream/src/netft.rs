@@ -81,7 +81,6 @@ struct BoxState {
     waiting: Vec<u8>,
     newest: Option<[i32; 6]>,
     bias: [i32; 6],
-    /// A bias was requested before the first load.
     is_bias_due: bool,
     rate_hz: u32,
     /// Start of the rate estimate, µs, and the rows since.

@@ -31,7 +31,6 @@ pub enum Destination {
     File(PathBuf),
     Udp(SocketAddr),
     Tcp(SocketAddr),
-    /// A client of an ATI Net F/T box, which requests its records.
     NetFt(NetFtAddress),
 }
 
@@ -128,9 +127,7 @@ enum Transport {
 
 impl Readers {
     /// Opens all destinations. An existing file is kept unless `overwrite` is set. The default
-    /// `format` is CSV for a file with that extension, otherwise JSON lines.
-    ///
-    /// # Errors
+    /// `format` is CSV for a file with that extension, otherwise JSON lines. Fails with
     /// [`OutputError`] for the first destination that cannot be opened.
     pub fn open(
         destinations: &[Destination],
@@ -307,8 +304,7 @@ impl StreamReader {
         let end = encoder.end(number, self.lost);
         let is_taken = match &mut self.way {
             Transport::Pipe(pipe) => pipe.send([&names, row, &end].concat())?,
-            // A datagram is a line. Errors are temporary: no program listens, or the network is
-            // down.
+            // A datagram is a line. Errors are temporary: no listener, or the network is down.
             Transport::Udp(socket) => {
                 if !names.is_empty() {
                     _ = socket.send(&names);
@@ -361,7 +357,6 @@ const PIECE: usize = 1 << 16;
 struct PipeReader {
     rows: Option<SyncSender<Vec<u8>>>,
     written: Arc<AtomicU64>,
-    /// `None` after it was joined.
     thread: Option<JoinHandle<io::Result<()>>>,
 }
 

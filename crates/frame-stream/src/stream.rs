@@ -80,7 +80,6 @@ pub struct FrameStream {
 #[derive(Debug, Default)]
 pub struct StreamOptions {
     pub forces: Option<LiveForces>,
-    /// True for frames from a log, which need no alignment.
     pub from_log: bool,
     /// True to align channels to a common time, as in `record`: frames wait for three more.
     pub one_time: bool,
@@ -97,8 +96,7 @@ pub struct StreamSummary {
 }
 
 impl FrameStream {
-    /// # Errors
-    /// [`UnsuitableCalibration`] if the calibration has another number of channels.
+    /// Fails with [`UnsuitableCalibration`] if the calibration has another number of channels.
     pub fn new(options: StreamOptions, readers: Readers) -> Result<Self, UnsuitableCalibration> {
         let forces = options.forces.map(RunningForces::new).transpose()?;
         let simultaneous = match (options.from_log, options.one_time) {
@@ -122,9 +120,7 @@ impl FrameStream {
         self.readers.are_gone()
     }
 
-    /// Passes on newly arrived frames, and adds requested marks to `marks`.
-    ///
-    /// # Errors
+    /// Passes on newly arrived frames, and adds requested marks to `marks`. Fails with
     /// [`RecordError`] if no rows can be passed on.
     pub fn push(
         &mut self,
@@ -148,7 +144,7 @@ impl FrameStream {
         Ok(())
     }
 
-    /// Returns the rows that are complete at `host_us`: with alignment, those of earlier frames.
+    /// Returns the rows complete at `host_us`: with alignment, those of earlier frames.
     fn rows(
         &mut self,
         frames: &[BoardFrame],
@@ -235,9 +231,7 @@ impl FrameStream {
         }
     }
 
-    /// Sends the waiting rows, and ends the stream; returns its summary.
-    ///
-    /// # Errors
+    /// Sends the waiting rows, and ends the stream; returns its summary. Fails with
     /// [`RecordError`], after all readers have ended.
     pub fn finish(mut self) -> Result<StreamSummary, RecordError> {
         let passed = self.pass(&[], true);
@@ -256,7 +250,6 @@ fn now_us() -> i64 {
     i64::try_from(now.as_micros()).unwrap_or(i64::MAX)
 }
 
-/// A watcher that streams a recording, and passes calls on to another watcher.
 #[derive(Debug)]
 pub struct StreamWatcher {
     state: Arc<Mutex<StreamState>>,
@@ -272,7 +265,7 @@ type StreamState = Option<Result<Box<FrameStream>, RecordError>>;
 pub struct StreamHandle(Arc<Mutex<StreamState>>);
 
 impl StreamWatcher {
-    /// Creates a watcher; it sets `stop` if the stream fails or has no readers left.
+    /// Creates a watcher that sets `stop` if the stream fails or has no readers left.
     pub fn new(
         stream: FrameStream,
         beside: Option<Box<dyn Watcher>>,
@@ -312,10 +305,8 @@ impl Watcher for StreamWatcher {
 }
 
 impl StreamHandle {
-    /// Ends the stream; returns its summary, unless already taken.
-    ///
-    /// # Errors
-    /// [`RecordError`] if the stream has failed.
+    /// Ends the stream; returns its summary, unless already taken. Fails with [`RecordError`] if
+    /// the stream has failed.
     pub fn finish(&self) -> Result<Option<StreamSummary>, RecordError> {
         let stream = lock(&self.0).take().transpose()?;
         stream.map(|stream| stream.finish()).transpose()

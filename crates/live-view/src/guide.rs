@@ -7,11 +7,10 @@
 //! ```
 //!
 //! *Still*: over a second no channel scatters by more than [`QUIET`] times its noise at the start,
-//! and the means of its halves differ by no more. *Loaded*, with known forces: the wrench is nearer
-//! to the planned one than to zero, with axes scaled by the largest load of the plan. Without
-//! forces: the readings differ from the unloaded ones by a multiple of their noise and by a tenth
-//! of the largest excursion so far, and together by a quarter of that predicted from the recorded
-//! loads.
+//! and the means of its halves differ by no more. *Loaded*, with known forces: the wrench is nearer to the planned
+//! one than to zero, with axes scaled by the largest load of the plan. Without forces: the readings differ from the
+//! unloaded ones by a multiple of their noise and by a tenth of the largest excursion so far, and together by a
+//! quarter of that predicted from the recorded loads.
 
 use std::collections::VecDeque;
 
@@ -63,7 +62,6 @@ pub enum GuidePhase {
     Done,
 }
 
-/// The error of a calibration on new poses, after a number of loads.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct ErrorPoint {
     pub loads: usize,
@@ -107,9 +105,8 @@ pub struct GuideView {
     pub finding: String,
 }
 
-/// Tells which load to hang, and finds the rows of poses.
 pub trait LoadGuide {
-    /// Takes the next row; returns the label of the load that it completes.
+    /// Takes the next row; returns the label of a load that it completes.
     fn push(&mut self, row: &LiveRow) -> Option<FrameLabel>;
 
     /// Index of the first frame that may still become part of a pose.
@@ -117,7 +114,6 @@ pub trait LoadGuide {
 
     fn skip(&mut self);
 
-    /// Returns to the previous load, to record it again.
     fn back(&mut self);
 
     fn view(&self) -> GuideView;
@@ -131,7 +127,7 @@ pub struct Guide {
     phase: GuidePhase,
     /// Rows of the block of time, with the values that must be still.
     stretch: VecDeque<(LiveRow, [f64; CHANNELS])>,
-    /// Mean and noise without a load, once known.
+    /// Mean and noise without a load.
     rest: Option<([f64; CHANNELS], [f64; CHANNELS])>,
     /// Largest distance of each channel from its unloaded reading.
     excursion: [f64; CHANNELS],
@@ -243,7 +239,6 @@ impl Guide {
         (count > 0.0).then(|| sum.map(|sum: f64| sum / count))
     }
 
-    /// Returns the size of a load, with axes scaled by the largest load of the plan.
     fn size(&self, load: usize) -> f64 {
         let largest =
             |axis: usize| self.loads.iter().map(|load| load.wrench[axis].abs()).fold(0.0, f64::max);

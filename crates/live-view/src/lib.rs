@@ -7,7 +7,6 @@
 //! ```
 //!
 //! [`LiveModel`] keeps the last minute. Its commands change the display, never the recording.
-//!
 //! The crate is pure: no ports, no files, and no clock except the time of the rows.
 
 mod guide;

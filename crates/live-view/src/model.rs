@@ -49,10 +49,8 @@ pub struct ChannelView {
     pub state: ChannelState,
 }
 
-/// A trace; its columns hold values, or levels of a picture.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TraceView<T = f64> {
-    /// `Fx`, `s1`.
     pub name: String,
     /// `N`, `N·m`, empty for counts.
     pub unit: &'static str,
@@ -65,7 +63,6 @@ pub struct TraceView<T = f64> {
     pub columns: Vec<Option<[T; 2]>>,
 }
 
-/// The state of a live view at one moment, as sent to a browser.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Picture {
     pub time_s: Option<f64>,
@@ -87,7 +84,6 @@ pub struct LiveModel {
     axes: Axes,
     ranges: Option<Vec<ReadingRange>>,
     history: History,
-    /// Rows displayed while paused.
     frozen: Option<Box<History>>,
     window: usize,
     /// Subtracted for display: the mean of the rows after its start.
@@ -204,7 +200,6 @@ impl LiveModel {
         TraceView { name, unit, value: newest, noise, range, columns }
     }
 
-    /// Returns the channels; empty if the board streams wrenches.
     pub fn channels(&self) -> Vec<ChannelView> {
         let Some(readings) = self.shown().newest().and_then(|row| row.readings) else {
             return Vec::new();
@@ -428,7 +423,6 @@ mod tests {
         assert_eq!(fx.columns.last(), Some(&Some([750, 750])));
         let text = serde_json::to_string(&picture).unwrap();
         assert!(text.contains(r#""name":"Fx","unit":"N","value":1.0"#), "{text}");
-        // An event is one line.
         assert!(!text.contains('\n'));
     }
 

@@ -3,8 +3,7 @@
 //! - [`rdt`]: requests and records of ATI Net F/T boxes; [`page`]: the page with their units;
 //! - [`ft300`]: frames of the Robotiq FT 300;
 //! - [`lines`]: CSV and JSON lines from any program, with units in the names;
-//! - [`ReferenceSource`]: a reference's location; [`open`](ReferenceSource::open) starts to read
-//!   it.
+//! - [`ReferenceSource`]: a reference's location; [`open`](ReferenceSource::open) starts reading.
 //!
 //! The first four are pure. A sample carries the sensor's number or time, if sent, so that delayed
 //! samples are not mistaken for new ones.

@@ -37,7 +37,6 @@ enum Role {
 
 #[derive(Clone, Debug, Default)]
 pub struct LineReader {
-    /// The column names read last; `roles` has their meanings.
     names: Vec<String>,
     roles: Vec<Role>,
     axes: Axes,
@@ -49,10 +48,8 @@ impl LineReader {
         self.axes
     }
 
-    /// Reads a line; `None` if it is a header, empty, or no valid sample.
-    ///
-    /// # Errors
-    /// [`BadNames`] if the column names are unsuitable, so that no line can be read.
+    /// Reads a line; `None` if it is a header, empty, or no valid sample. Fails with [`BadNames`]
+    /// if the column names are unsuitable, so that no line can be read.
     pub fn read(&mut self, line: &str) -> Result<Option<LineSample>, BadNames> {
         let line = line.trim();
         if line.starts_with('{') {

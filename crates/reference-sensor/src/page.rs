@@ -54,8 +54,7 @@ pub fn write(settings: &BoxSettings, rate_hz: u32, product: &str) -> String {
     format!("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<netft>\n{}</netft>\n", fields.concat())
 }
 
-/// # Errors
-/// [`BadPage`] if counts or units are missing or unusable.
+/// Fails with [`BadPage`] if counts or units are missing or unusable.
 pub fn read(page: &str) -> Result<BoxSettings, BadPage> {
     let counts = |name: &'static str| {
         let text = field(page, name).ok_or(BadPage::Missing(name))?;

@@ -66,7 +66,6 @@ impl RdtCommand {
 pub mod status {
     /// Too busy, and may have skipped samples; no error.
     pub const BUSY: u32 = 1 << 3;
-    /// A strain gauge is at the end of its range.
     pub const GAGE_OUT_OF_RANGE: u32 = 1 << 27;
     pub const LOAD_OUT_OF_RANGE: u32 = 1 << 30;
     /// A bit that means an error is set.
@@ -122,10 +121,9 @@ pub enum RdtArrival {
 /// Records behind the newest at which a late one can still be distinguished from a restart.
 const WINDOW: usize = 128;
 
-/// Numbers records without wraps, and determines how each arrived.
-///
-/// A record whose number does not increase is late if its place is empty and it was measured before
-/// the newest; a duplicate if its place holds the same; otherwise the box has restarted.
+/// Numbers records without wraps, and determines how each arrived: one whose number does not
+/// increase is late if its place is empty and it was measured before the newest, a duplicate if its
+/// place holds the same; otherwise the box has restarted.
 #[derive(Clone, Debug)]
 pub struct RdtTracker {
     newest: Option<(RdtRecord, i64)>,

@@ -60,7 +60,6 @@ impl Teller {
             counts.with_status += u64::from(sample.status != 0);
             counts.missing = sample.missing;
         }
-        // If the receiver is gone, the thread is about to be stopped.
         let _ = self.samples.send(sample);
     }
 
@@ -70,9 +69,7 @@ impl Teller {
 }
 
 impl ReferenceSource {
-    /// Opens the reference, starts it, and waits for the first sample.
-    ///
-    /// # Errors
+    /// Opens the reference, starts it, and waits for the first sample. Fails with
     /// [`ReferenceError`] if it cannot be opened, ends, or sends no sample in time.
     pub fn open(&self) -> Result<ReferenceInput, ReferenceError> {
         let (sender, samples) = channel();
@@ -257,14 +254,12 @@ fn read_box(socket: &UdpSocket, settings: &BoxSettings, bias: bool, teller: &Tel
                 send(RdtCommand::Start(0));
                 heard = Instant::now();
             }
-            // A refusal returns without waiting.
             thread::sleep(PACE);
             continue;
         };
         let mut count = Some(count);
         let is_pacing = socket.set_nonblocking(true).is_ok();
         while let Some(length) = count {
-            // Read for each datagram, since more arrive meanwhile.
             let arrival = Instant::now();
             heard = arrival;
             match RdtRecord::decode_all(&datagram[..length]) {
@@ -463,11 +458,9 @@ fn read_lines(mut input: impl Read, teller: &Teller) -> Result<(), String> {
     Ok(())
 }
 
-/// Numbers lines, which arrive in the order of sending.
 #[derive(Clone, Copy, Debug, Default)]
 struct LineOrder {
     number: i64,
-    /// The last sample's number and time as sent.
     last: Option<(Option<i64>, Option<f64>)>,
     missing: u64,
 }

@@ -92,7 +92,7 @@ impl fmt::Display for ReferenceSource {
     }
 }
 
-/// An error in opening a reference. Errors of the system are text.
+/// Errors of the system are text.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ReferenceError {
     #[error("cannot open the reference `{source_name}`: {reason}")]

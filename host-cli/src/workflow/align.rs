@@ -1,8 +1,6 @@
-//! Alignment of a reference's recording and a board log into one training log.
-//!
-//! The required columns of both are held in memory: the offset may be anything, so no row can be dropped
-//! before the match is found. This takes 8 bytes per value: 56 per row of the reference (64 with a sync
-//! signal) and 72 per frame of eight readings.
+//! Alignment of a reference's recording and a board log into one training log. The required columns of both are held
+//! in memory: the offset may be anything, so no row can be dropped before the match is found. This takes 8 bytes per
+//! value: 56 per row of the reference (64 with a sync signal) and 72 per frame of eight readings.
 
 use std::io::{self, Write};
 
@@ -14,11 +12,9 @@ use shell_data::wrench::{Axes, Axis};
 /// The column of a board log with the times of edges, s.
 const EDGE_TIMES: &str = "sync_s";
 
-/// Reads both logs and aligns them; also returns the read summaries of the reference and the board log. `sync`
-/// is the column of the reference with a signal whose edges the board recorded as well.
-///
-/// # Errors
-/// [`WorkflowError`] if a log cannot be read, lacks time, wrench or readings, or if there is no clear match.
+/// Reads both logs and aligns them; also returns the read summaries of the reference and the board log. `sync` is the
+/// column of the reference with a signal whose edges the board recorded as well. Fails with [`WorkflowError`] if a
+/// log cannot be read, lacks time, wrench or readings, or if there is no clear match.
 pub fn align_logs(
     reference: &Log,
     board: &Log,
@@ -28,7 +24,6 @@ pub fn align_logs(
 ) -> Result<(Aligned, [ReadSummary; 2]), WorkflowError> {
     let mut wrench = Wanted { time: true, wrench: true, ..Wanted::default() };
     let mut readings = Wanted { time: true, readings: true, ..Wanted::default() };
-    // Check both before reading the first.
     reference.require(&wrench)?;
     reference.require_axes(Axes::ALL)?;
     board.require(&readings)?;
@@ -58,14 +53,10 @@ pub fn align_logs(
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct WrittenRows {
     pub written: usize,
-    /// Rows left out because the reference was not recording, or had a gap, around that time.
     pub uncovered: usize,
 }
 
-/// Writes the training log: `t_s` (the board's clock), `s1` …, `fx_n` … `mz_nm`.
-///
-/// # Errors
-/// [`io::Error`] if `out` fails.
+/// Writes the training log: `t_s` (the board's clock), `s1` …, `fx_n` … `mz_nm`. Fails if `out` fails.
 pub fn write_training(aligned: &Aligned, out: &mut impl Write) -> io::Result<WrittenRows> {
     write!(out, "t_s")?;
     for channel in 1..=aligned.channels() {

@@ -1,5 +1,4 @@
-//! Evaluation of all trials of a manifest: in parallel, reported in order; a bad trial does not stop the
-//! others.
+//! Evaluation of all trials of a manifest: in parallel, reported in order; a bad trial does not stop the others.
 
 use std::collections::HashMap;
 use std::convert::Infallible;
@@ -20,9 +19,7 @@ use trial::{
 
 #[derive(Clone, Copy)]
 pub struct BatchOptions<'a> {
-    /// How trials are evaluated.
     pub trial: TrialOptions,
-    /// Meanings of the columns of the logs.
     pub mapping: &'a Mapping,
     /// How logs are read; `threads` is the number of trials evaluated at a time.
     pub read: ReadOptions<'a>,
@@ -32,34 +29,27 @@ pub struct BatchOptions<'a> {
     pub progress: Option<&'a (dyn Fn(usize) + Sync)>,
 }
 
-/// The results of a manifest.
 #[derive(Clone, Debug, Default)]
 pub struct Batch {
     /// The evaluated trials, in the order of the manifest.
     pub trials: Vec<BatchTrial>,
-    /// The rows that could not be evaluated.
     pub failures: Vec<FailedRow>,
-    /// Number of rows that the manifest excludes.
     pub excluded: usize,
 }
 
-/// A trial with its row in the manifest.
 #[derive(Clone, Debug)]
 pub struct BatchTrial {
     pub position: CellPosition,
     pub path: PathBuf,
-    /// The results, and the checksum of the log.
     pub evaluated: Evaluated,
 }
 
-/// A row that could not be evaluated.
 #[derive(Clone, Debug, Serialize)]
 pub struct FailedRow {
     #[serde(flatten)]
     pub position: CellPosition,
-    /// Name of the log in the manifest; empty if the row names none.
+    /// Name in the manifest; empty if the row names none.
     pub file: String,
-    /// The reason.
     pub message: String,
 }
 
@@ -130,7 +120,6 @@ fn evaluate_entry(
     Ok(BatchTrial { position: entry.position, path, evaluated })
 }
 
-/// The cell of a row that caused an error.
 fn faulty_cell(entry: &Entry, error: &WorkflowError) -> CellPosition {
     match error {
         WorkflowError::Trial(TrialError::OutsideLog { enter, first, .. }) if enter >= first => {
@@ -157,8 +146,7 @@ impl Batch {
         conditions
     }
 
-    /// Statistics of every quantity in every condition, per trial and per stride; differences are from
-    /// `reference`.
+    /// Statistics of every quantity in every condition, per trial and per stride; differences are from `reference`.
     pub fn statistics(&self, reference: Option<&str>, seed: u64) -> Vec<ConditionRow> {
         let conditions = self.conditions();
         let mut rows = Vec::new();
@@ -180,8 +168,7 @@ impl Batch {
         rows
     }
 
-    /// Drag and lift over the phase of the leg in every condition with phase profiles, over the trials that
-    /// kept one.
+    /// Drag and lift over the phase of the leg in every condition with phase profiles, over the trials that kept one.
     pub fn phases(&self) -> Vec<(String, PhaseProfile)> {
         let results = || self.trials.iter().map(|trial| &trial.evaluated.result);
         let of = |condition: &str| {
@@ -205,8 +192,7 @@ impl Batch {
                     sample.add_cluster(strides.filter_map(|stride| quantity.of(&stride.measures)));
                 }
             }
-            // A stride's drag energy is over its own length, so its share of the trial's error is scaled by
-            // its mean.
+            // A stride's drag energy is over its own length, so its share of the trial's error is scaled by its mean.
             match result.row.shared_error(quantity) {
                 Some((parts, degrees)) => {
                     let scale = match (per, quantity.of(&result.row.measures)) {

@@ -6,9 +6,8 @@
 //! calibration can have; certified problems confirm this. If it would take minutes, the reference is refined
 //! QR instead, which stops when its gradient in double-double has converged.
 //!
-//! Rows are held in memory, so that reading them is not timed, and processed on one thread. Ridge by
-//! cross-validation and Huber's estimator solve other problems than least squares, so they have a run time
-//! here but no error.
+//! Rows are held in memory, so that reading them is not timed, and processed on one thread. Ridge by cross-validation
+//! and Huber's estimator solve other problems than least squares, so they have a run time here but no error.
 
 use std::time::Instant;
 
@@ -31,19 +30,15 @@ const MOST_REPETITIONS: usize = 9;
 
 #[derive(Clone, Debug)]
 pub struct ModelBench {
-    /// Name of the model, such as `cubic + offset`.
     pub model: String,
-    /// Number of coefficients of each axis.
     pub features: usize,
     pub rows: usize,
     /// Condition number of the features, with columns scaled to norm one.
     pub condition: f64,
-    /// Solver that errors are relative to.
     pub reference: &'static str,
     pub solvers: Vec<Measurement>,
 }
 
-/// The measurement of one solver on one model.
 #[derive(Clone, Debug)]
 pub struct Measurement {
     pub solver: &'static str,
@@ -54,11 +49,9 @@ pub struct Measurement {
     pub prediction_error: Option<f64>,
     /// True if no other solver is both faster and more accurate in its coefficients.
     pub on_front: bool,
-    /// The reason for having no solution.
     pub refused: Option<String>,
 }
 
-/// Runs every solver of `kinds` on every model, lazily.
 pub fn walk<'a>(
     blocks: &'a [Block],
     bases: &'a [Basis],
@@ -97,10 +90,8 @@ pub fn markdown(benches: &[ModelBench]) -> String {
     table
 }
 
-/// Runs every solver of `kinds` on one model.
-///
-/// # Errors
-/// [`FitError`] if the rows do not determine the coefficients, even in extended precision.
+/// Runs every solver of `kinds` on one model. Fails with [`FitError`] if the rows do not determine the coefficients,
+/// even in extended precision.
 pub fn bench(blocks: &[Block], model: Model, kinds: &[SolverKind]) -> Result<ModelBench, FitError> {
     let problem = problem(blocks, model)?;
     let rows: usize = blocks.iter().map(|block| block.rows).sum();
@@ -121,11 +112,8 @@ pub fn bench(blocks: &[Block], model: Model, kinds: &[SolverKind]) -> Result<Mod
     })
 }
 
-/// The problem that all solvers get: in the basis that the exact solver chooses, so that coefficients are
-/// comparable.
-///
-/// # Errors
-/// [`FitError`] if the rows do not determine the coefficients.
+/// The problem that all solvers get: in the basis that the exact solver chooses, so that coefficients are comparable.
+/// Fails with [`FitError`] if the rows do not determine the coefficients.
 pub fn problem(blocks: &[Block], model: Model) -> Result<FitProblem, FitError> {
     let first = blocks.first().map_or(&[][..], |block| &block.readings);
     let problem =
@@ -137,10 +125,7 @@ pub fn problem(blocks: &[Block], model: Model) -> Result<FitProblem, FitError> {
     }
 }
 
-/// Solves from readings to coefficients; this is the timed part.
-///
-/// # Errors
-/// As [`solver::fit`].
+/// Solves from readings to coefficients; this is the timed part. Fails like [`solver::fit`].
 pub fn solve(
     blocks: &[Block],
     kind: SolverKind,
@@ -206,7 +191,6 @@ fn coefficient_error(found: &Mat<f64>, truth: &Mat<f64>) -> f64 {
 
 /// Largest `|X·ΔC|` over the rows, each axis in units of its RMS.
 fn prediction_error(blocks: &[Block], features: &Features, difference: &Mat<f64>) -> f64 {
-    /// Rows per block.
     const ROWS: usize = 512;
     let mut largest = [0.0_f64; 6];
     let mut squares = [0.0_f64; 6];

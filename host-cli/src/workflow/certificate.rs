@@ -21,11 +21,9 @@ const LOADED: f64 = 0.05;
 /// Mean force, as a multiple of the error on loads, below which it may be such an error.
 const MEAN_ERRORS: f64 = 3.0;
 
-/// The uncertainty of a single frame, by source. A log of the `unloaded` sensor gives repeatability and
-/// drift; `reference` is the standard uncertainty of the reference, N and N·m.
-///
-/// # Errors
-/// [`WorkflowError`] if the log of the unloaded sensor cannot be used.
+/// The uncertainty of a single frame, by source. A log of the `unloaded` sensor gives repeatability and drift;
+/// `reference` is the standard uncertainty of the reference, N and N·m. Fails with [`WorkflowError`] if the log of
+/// the unloaded sensor cannot be used.
 pub fn budget(
     file: &CalibrationFile,
     unloaded: Option<&Log>,
@@ -54,7 +52,6 @@ pub fn budget(
     Ok(budget)
 }
 
-/// A measured (type A) uncertainty that is not part of another line.
 fn measured(source: &'static str, basis: String, standard: Option<PerAxis<f64>>) -> Contribution {
     let degrees_of_freedom = None;
     Contribution { source, evaluation: "A", basis, standard, degrees_of_freedom, is_part: false }
@@ -170,7 +167,6 @@ fn by_axis<T>(values: &AxisValues<T>, of: impl Fn(&T) -> f64) -> PerAxis<f64> {
     all
 }
 
-/// The statement on the intervals of converted frames.
 pub fn intervals(file: &CalibrationFile) -> String {
     match interval_factors(&file.calibration, COVERAGE_LEVEL).is_ok() {
         true => "`shellcal convert` gives the 95 % interval of each frame, which is narrower or wider than this with \

@@ -19,10 +19,8 @@ use shell_data::wrench::{Axes, Axis, PerAxis};
 /// exceeds on one of a dozen numbers in about one of twenty checks.
 const MARGIN: f64 = 1.53;
 
-/// Weights compared with the sensor's forces.
 #[derive(Clone, Debug)]
 pub struct CheckedWeights {
-    /// The loads that were compared.
     pub loads: Vec<CheckedLoad>,
     /// Passes if each line of the table was compared and differs by no more than the errors explain.
     pub gate: Gate,
@@ -31,9 +29,6 @@ pub struct CheckedWeights {
 /// Compares the weights of a table with the forces that a calibration gives for their readings. The axes are
 /// `named`, otherwise those of the calibration and those that a weight loads. If the table has a line without
 /// a load, its wrench is the zero.
-///
-/// # Errors
-/// [`WorkflowError`].
 pub fn check_weights(
     file: &CalibrationFile,
     logs: &[Log],
@@ -133,7 +128,6 @@ fn turned_deg(
         .then(|| angle.to_degrees())
 }
 
-/// The readings at a load, followed by the memory terms.
 fn readings_at(data: &Dataset, load: &HungLoad) -> Vec<Vec<f64>> {
     let mut all = Vec::new();
     for (_, block) in data.blocks() {

@@ -13,13 +13,10 @@ use shell_data::wrench::{AxisValues, PerAxis};
 /// The column that `record` writes the temperature of the die to.
 pub const TEMPERATURE: &str = "temperature_c";
 
-/// Drift of the zero of a log.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct DriftSummary {
     pub rows: u64,
-    /// Invalid rows that were left out.
     pub skipped_rows: u64,
-    /// Number of stationary intervals.
     pub rests: usize,
     /// The middle of the first stationary interval, s.
     pub first_s: f64,
@@ -43,9 +40,6 @@ pub struct DriftSummary {
 /// Finds the stationary intervals of a log and the drift of its zero from one to the next, in one pass: for
 /// the channels and, with a calibration, for the wrench. `temperature` is the column of the temperature if it
 /// is not [`TEMPERATURE`].
-///
-/// # Errors
-/// [`WorkflowError`].
 pub fn drift(
     log: &Log,
     calibration: Option<&Calibration>,
@@ -147,8 +141,7 @@ pub fn drift(
     })
 }
 
-/// The number in a cell of a temperature column, `None` if it is empty; text that is not a number is the
-/// error.
+/// The number in a cell of a temperature column, `None` if it is empty; text that is not a number is the error.
 fn temperature_of(text: &str) -> Result<Option<f64>, String> {
     let text = text.trim();
     if text.is_empty() {

@@ -16,29 +16,22 @@ use shell_data::hint::Hint;
 use simulation::SimulationError;
 use trial::{NoWindow, TrialError};
 
-/// Hint for a log without rows in a time range.
 pub(super) const TIMES: &str = "`shellcal info` tells the times of a log";
 
-/// The reason why a task over logs failed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum WorkflowError {
-    /// A log cannot be read.
     #[error(transparent)]
     Log(#[from] LogError),
-    /// The rows do not determine a calibration, or nothing that was asked of them.
     #[error(transparent)]
     Fit(#[from] FitError),
-    /// Partial fits cannot be merged.
     #[error(transparent)]
     Merge(MergeError),
-    /// No logs were given.
     #[error("no logs were given")]
     NoLogs,
     /// A calibration that cannot be updated, or loads that do not serve for it.
     #[error(transparent)]
     Recalibration(#[from] RecalibrationError),
-    /// The log at `path` does not give forces with the requested options.
     #[error("`{path}`: {error}")]
     Forces { path: String, error: ForceError },
     /// Standard errors were explicitly requested, but are not available.
@@ -47,31 +40,22 @@ pub enum WorkflowError {
     /// An interval was requested that the calibration's groups cannot support.
     #[error(transparent)]
     NoIntervals(#[from] NoIntervals),
-    /// The result cannot be written.
     #[error("cannot write the result")]
     Output(#[from] io::Error),
-    /// An output file cannot be written.
     #[error(transparent)]
     File(#[from] OutputError),
-    /// Settings that do not define a synthetic trial.
     #[error(transparent)]
     Settings(#[from] SimulationError),
-    /// The poses do not determine the payload of a sensor.
     #[error(transparent)]
     Payload(#[from] PayloadError),
-    /// A log of the reference and one of the board do not match, or not clearly.
     #[error("cannot align `{}` with `{}`", board.display(), reference.display())]
     Align { reference: PathBuf, board: PathBuf, source: AlignError },
-    /// A trial cannot be evaluated on its log.
     #[error(transparent)]
     Trial(#[from] TrialError),
-    /// The window of a trial was to be found, but cannot be.
     #[error("no window found")]
     Window(#[from] NoWindow),
-    /// The window was to be found in forces, but the log gives none.
     #[error("no window found: there are no forces to find it in")]
     NoForces,
-    /// The window was to be detected from forces, which need a calibration.
     #[error("without a calibration there is no drag to find the window in")]
     NoCalibration,
     /// A log, a table or an option does not serve the request. Callers have no need to tell these errors
@@ -81,7 +65,6 @@ pub enum WorkflowError {
 }
 
 impl WorkflowError {
-    /// An error with this message, and the next step if one is known.
     pub(super) fn refused<'a>(message: impl ToString, hint: impl Into<Option<&'a str>>) -> Self {
         Self::Refused { message: message.to_string(), hint: hint.into().map(str::to_owned) }
     }

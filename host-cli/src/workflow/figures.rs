@@ -14,24 +14,17 @@ const STRIDES: usize = 10;
 /// Sampling interval of thinned traces without sensors, s.
 const THIN_S: f64 = 0.01;
 
-/// An existing directory for figures.
 #[derive(Debug)]
 pub struct FigureFolder<'a> {
-    /// Output files of the command.
     pub outputs: &'a Outputs,
     pub directory: &'a Path,
-    /// Formats; each figure is written in every one.
     pub formats: &'a [Format],
-    /// Width of the figures.
     pub size: Size,
 }
 
 impl FigureFolder<'_> {
-    /// Writes drag and lift over time, and the telemetry of some strides, of a trial with the trace of its
-    /// whole log: `STEM.drag.svg`, `STEM.telemetry.svg`.
-    ///
-    /// # Errors
-    /// [`OutputError`] if a file cannot be written.
+    /// Writes drag and lift over time, and the telemetry of some strides, of a trial with the trace of its whole log:
+    /// `STEM.drag.svg`, `STEM.telemetry.svg`. Fails with [`OutputError`] if a file cannot be written.
     pub fn write_trial(
         &self,
         stem: &str,
@@ -50,10 +43,7 @@ impl FigureFolder<'_> {
         self.write(&format!("{stem}.telemetry"), &figure)
     }
 
-    /// Writes the figures over all trials: `boxes.svg`, `phase.svg`.
-    ///
-    /// # Errors
-    /// [`OutputError`] if a file cannot be written.
+    /// Writes the figures over all trials: `boxes.svg`, `phase.svg`. Fails if a file cannot be written.
     pub fn write_batch(
         &self,
         conditions: &[ConditionRow],
@@ -90,7 +80,6 @@ pub fn title(row: &TrialRow) -> String {
     }
 }
 
-/// The passage of a trial through its channel.
 pub fn passage(row: &TrialRow, profile: &Profile) -> Passage {
     let window_s = [row.t_enter_s, row.t_exit_s];
     Passage::new(window_s, profile.robot.length_m, profile.channel.length_m)

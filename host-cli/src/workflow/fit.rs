@@ -15,21 +15,16 @@ use log_file::{Log, ReadOptions, Wanted, read_dataset, sample_logs};
 use report::{CalibrationReport, OutlierTable};
 use shell_data::dataset::{Dataset, LogRows};
 
-/// Rows for training and testing.
 #[derive(Debug, Default)]
 pub struct FitData {
     pub train: Dataset,
     pub test: Dataset,
-    /// Names of the channels, if they have any.
     pub channel_names: Vec<String>,
 }
 
 impl FitData {
-    /// Reads the rows of logs, and the labels needed for their groups. For a report also the labels of the
-    /// test logs and the times.
-    ///
-    /// # Errors
-    /// [`WorkflowError`] if a log cannot be read, or the logs differ in their channels or axes.
+    /// Reads the rows of logs, and the labels needed for their groups; for a report also the labels of the test
+    /// logs and the times. Fails if a log cannot be read, or the logs differ in their channels or axes.
     pub fn read(
         train: &[Log],
         test: &[Log],
@@ -58,10 +53,7 @@ impl FitData {
         Ok(read)
     }
 
-    /// Reads the rows of logs to test on; the training rows have already been read.
-    ///
-    /// # Errors
-    /// As [`FitData::read`].
+    /// Reads logs to test on; the training rows have already been read. Fails like [`FitData::read`].
     pub fn read_tests(
         &mut self,
         test: &[Log],
@@ -82,10 +74,7 @@ impl FitData {
         Ok(())
     }
 
-    /// Fits a calibration to the rows, which move into the fit, and examines both.
-    ///
-    /// # Errors
-    /// As [`calibration::fit()`].
+    /// Fits a calibration to the rows, which move into the fit, and examines both. Fails like [`calibration::fit()`].
     pub fn fit(&mut self, options: &FitOptions<'_>) -> Result<Fit, FitError> {
         let faults = |data: &Dataset, of: fn(String) -> Fault| {
             let found = doctor::check_rows(data, &self.channel_names);
@@ -103,24 +92,19 @@ impl FitData {
     }
 }
 
-/// A fit to logs with its calibration file and its suspicious rows by file and line: everything to write and
-/// print.
 #[derive(Debug)]
 pub struct FittedLogs {
     pub fit: Fit,
     pub file: CalibrationFile,
     /// Outliers that were used, if the fit looked for some.
     pub used: Option<NamedOutliers>,
-    /// Outliers that were left out.
     pub dropped: NamedOutliers,
     outliers: OutlierRule,
 }
 
 impl FittedLogs {
-    /// Describes a fit to the rows of training logs, tested on those of others.
-    ///
-    /// # Errors
-    /// [`WorkflowError`] if a companion file of a log cannot be read.
+    /// Describes a fit to the rows of training logs, tested on those of others. Fails with [`WorkflowError`] if a
+    /// companion file of a log cannot be read.
     pub fn new(
         fit: Fit,
         (train, test): (&[Log], &[Log]),
@@ -135,10 +119,7 @@ impl FittedLogs {
         Ok(Self { fit, file, used, dropped, outliers })
     }
 
-    /// HTML report.
-    ///
-    /// # Errors
-    /// [`FitError`] if the errors of groups cannot be computed.
+    /// HTML report. Fails with [`FitError`] if the errors of groups cannot be computed.
     pub fn report(&self, name: &str, command: &str) -> Result<String, FitError> {
         let (fit, file, outliers) = (&self.fit, &self.file, self.outlier_table());
         CalibrationReport { fit, file, name, command, outliers }.html()
@@ -156,7 +137,6 @@ impl FittedLogs {
         }
     }
 
-    /// How the fit was made, and its faults.
     pub fn remarks(&self) -> Vec<Remark> {
         let mut remarks = about_fit(&self.fit);
         remarks.extend(self.used.iter().flat_map(NamedOutliers::remarks));
@@ -190,10 +170,7 @@ fn wanted_for(logs: &[Log], asked: GroupsAsked, in_time: bool) -> Result<Wanted,
     Ok(Wanted { groups, time, ..rows_wanted() })
 }
 
-/// Reads logs and fits a calibration to them.
-///
-/// # Errors
-/// [`WorkflowError`] as [`FitData::read`] and [`calibration::fit()`].
+/// Reads logs and fits a calibration to them. Fails like [`FitData::read`] and [`calibration::fit()`].
 pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit, WorkflowError> {
     let read = ReadOptions { threads: options.workers.threads, ..ReadOptions::default() };
     let mut data = FitData::read(train, test, (options, false), &read)?;
@@ -235,10 +212,7 @@ pub fn calibration_file(fit: &Fit, origin: Origin) -> CalibrationFile {
     }
 }
 
-/// The files that a fit to `data` was made from.
-///
-/// # Errors
-/// [`WorkflowError`] if a companion file of a log cannot be read.
+/// The files that a fit to `data` was made from. Fails if a companion file of a log cannot be read.
 fn sources(
     (train, test): (&[Log], &[Log]),
     data: &FitData,
@@ -250,10 +224,7 @@ fn sources(
     Ok(files)
 }
 
-/// Logs of one role, with their companion files, and the number of their rows that were used.
-///
-/// # Errors
-/// [`WorkflowError`] if a companion file of a log cannot be read.
+/// Logs of one role, with companion files, and the number of rows used. Fails if a companion cannot be read.
 pub fn log_sources(
     role: Role,
     logs: &[Log],

@@ -7,8 +7,7 @@ use calibration::quality::significant;
 use log_file::Log;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// Fewest rows for a subject to count as compared, together with a tenth of its rows; all rows if it has
-/// fewer.
+/// Fewest rows for a subject to count as compared, together with a tenth of its rows; all rows if it has fewer.
 const LEAST_ROWS: u64 = 10;
 
 /// A list of required comparisons. It passes only if every item was compared, and held.
@@ -17,7 +16,6 @@ pub struct Gate {
     subjects: Vec<GateSubject>,
 }
 
-/// A log, a load or other rows, with the axes to compare.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GateSubject {
     name: String,
@@ -26,25 +24,20 @@ pub struct GateSubject {
     failures: Vec<GateFailure>,
 }
 
-/// The reason why a gate does not pass.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum GateFailure {
-    /// Axes that were requested but not compared.
     #[error("not compared: {what}")]
     NotCompared { axes: Axes, what: String },
-    /// The RMS error of an axis is above its limit, N or N·m.
     #[error(
         "the RMS error of `{}`{on} is {rms} {unit}, above the limit of {limit} {unit}",
         axis.name(), rms = significant(*rms, 4), limit = significant(*limit, 4), unit = axis.unit()
     )]
     Above { axis: Axis, on: &'static str, rms: f64, limit: f64 },
-    /// Axes differ by more than their errors explain.
     #[error("{axes} of {name} differ by more than is to be expected")]
     Off { axes: Axes, name: String },
 }
 
 impl Gate {
-    /// Adds a subject with the axes to compare.
     pub fn ask(&mut self, name: impl Into<String>, axes: Axes) -> &mut GateSubject {
         let subject = GateSubject { name: name.into(), open: axes, failures: Vec::new() };
         self.subjects.push(subject);
@@ -56,7 +49,6 @@ impl Gate {
         &mut self.subjects
     }
 
-    /// Adds all requirements of another gate.
     pub fn extend(&mut self, other: Self) {
         self.subjects.extend(other.subjects);
     }
@@ -72,12 +64,10 @@ impl Gate {
         self.subjects.iter().flat_map(of).collect()
     }
 
-    /// True if every item was compared, and held.
     pub fn passes(&self) -> bool {
         self.failures().is_empty()
     }
 
-    /// Axes that were requested but not compared.
     pub fn not_compared(&self) -> Axes {
         let failures = self.failures();
         let axes = failures.iter().filter_map(|failure| match failure {
@@ -118,7 +108,6 @@ impl GateSubject {
         self.open = Axes::NONE;
     }
 
-    /// Records that all remaining axes were compared and hold.
     pub fn hold(&mut self) {
         self.compare(|_| None);
     }
@@ -146,15 +135,12 @@ impl ErrorLimits {
         self.axes.unwrap_or_else(limited)
     }
 
-    /// The axes of `logs` to compare with those of a calibration; the logs keep only these.
-    ///
-    /// # Errors
+    /// The axes of `logs` to compare with those of a calibration; the logs keep only these. Fails with
     /// [`WorkflowError`] if a requested comparison is impossible, or no axes are left.
     pub fn compared(&self, calibrated: Axes, logs: &mut [Log]) -> Result<Axes, WorkflowError> {
         let measured: Vec<Axes> = logs.iter().map(Log::axes).collect();
         let axes = self.comparable(calibrated, &measured)?;
         if axes.is_empty() {
-            // Name all missing axes.
             let wanted = self.axes.unwrap_or(calibrated);
             logs.iter().try_for_each(|log| log.require_axes(wanted))?;
         }
@@ -162,7 +148,6 @@ impl ErrorLimits {
         Ok(axes)
     }
 
-    /// The axes to compare if the logs have `measured` ones.
     fn comparable(&self, calibrated: Axes, measured: &[Axes]) -> Result<Axes, WorkflowError> {
         for (limit, is_moment, name) in
             [(self.force_n, false, "the forces"), (self.moment_nm, true, "the moments")]
@@ -220,7 +205,6 @@ mod tests {
         (0..64).map(move |bits| of(bits).collect())
     }
 
-    /// Errors pass only if each requested axis is in calibration and logs, and below its limit.
     #[test]
     fn axes_that_were_not_compared_never_pass() {
         let (good, bad, nan) = (0.5, 2.0, f64::NAN);

@@ -25,19 +25,15 @@ use shell_data::wrench::{Axes, Axis, PerAxis};
 /// Standard deviation of the lever offset of a mounting, m.
 const MOUNTING_M: f64 = 3e-3;
 
-/// Hung loads, and their correction by the readings.
 #[derive(Clone, Debug)]
 pub struct HungReference {
     /// The loads with readings, in the order of the table.
     pub loads: Vec<HungLoad>,
-    /// The loads as corrected by the readings.
     pub corrected: CorrectedLoads,
     /// Labels of the mountings whose offsets were estimated.
     pub mountings: Vec<String>,
-    /// The loads that held-out errors refer to, by label: as stated, or as found if the line of the table is
-    /// wrong.
+    /// The loads that held-out errors refer to, by label: as stated, or as found if the line of the table is wrong.
     pub judged_by: BTreeMap<String, PerAxis<f64>>,
-    /// Labels of loads without readings.
     pub unread: Vec<String>,
     /// Number of rows without a load, which were left out.
     pub unloaded_rows: u64,
@@ -46,11 +42,8 @@ pub struct HungReference {
 }
 
 impl HungReference {
-    /// Reads logs and assigns to their rows the wrench of the hung load, corrected by their readings.
-    ///
-    /// # Errors
-    /// [`WorkflowError`] if a log cannot be read, rows cannot be matched with loads, or these do not
-    /// determine a model of the sensors.
+    /// Reads logs and assigns to their rows the wrench of the hung load, corrected by their readings. Fails if a
+    /// log cannot be read, rows cannot be matched with loads, or these do not determine a model of the sensors.
     pub fn read(
         logs: &[Log],
         table: &HungLoads,
@@ -80,22 +73,17 @@ impl HungReference {
         Ok((data, Self { loads, corrected, mountings, judged_by, unread, unloaded_rows, gate }))
     }
 
-    /// The probably wrong lines of the table, with the corrected loads.
     pub fn suspicious(&self) -> impl Iterator<Item = (&HungLoad, &CorrectedLoad)> {
         self.loads.iter().zip(&self.corrected.loads).filter(|(_, of)| of.suspicious.is_some())
     }
 }
 
-/// The wrench that held-out errors at a load refer to: as stated, or as found if the line of the table is
-/// wrong.
 pub(super) fn judged(load: &HungLoad, corrected: &CorrectedLoad) -> PerAxis<f64> {
     if corrected.suspicious.is_some() { corrected.wrench } else { load.wrench() }
 }
 
-/// Loads corrected by the readings at them.
 pub(super) struct LoadCorrection {
     pub(super) corrected: CorrectedLoads,
-    /// Labels of the mountings whose offsets were estimated.
     pub(super) mountings: Vec<String>,
 }
 
@@ -201,13 +189,11 @@ pub(super) fn gate_of_loads(
     gate
 }
 
-/// Description of a load by its label and line.
 pub(super) fn load_name(load: &HungLoad) -> String {
     format!("load `{}` (line {}: {load})", load.group, load.line)
 }
 
-/// Axes to compare for a load: all that are calibrated, which it leaves at zero or loads, and others that it
-/// loads.
+/// Axes to compare for a load: all that are calibrated, which it leaves at zero or loads, and others that it loads.
 pub(super) fn axes_to_compare(load: &HungLoad, calibrated: Axes) -> Axes {
     calibrated.iter().chain(loaded_axes(load).iter()).collect()
 }

@@ -33,12 +33,9 @@ use log_file::{Log, Wanted};
 use shell_data::hint::OTHER_CHANNELS;
 use shell_data::wrench::Axes;
 
-/// The axes of the wrench of a fit to `train`, which all these logs have. The logs of `test` must have them,
-/// too; their other axes are not used.
-///
-/// # Errors
-/// [`WorkflowError::Refused`] if the training logs have different axes, [`WorkflowError::Log`] if a log has
-/// none or a test log lacks some.
+/// The axes of the wrench of a fit to `train`, which all these logs have. The logs of `test` must have them, too;
+/// their other axes are not used. Fails with [`WorkflowError::Refused`] if the training logs have different axes,
+/// [`WorkflowError::Log`] if a log has none or a test log lacks some.
 pub fn agree_on_axes(train: &[Log], test: &mut [Log]) -> Result<Axes, WorkflowError> {
     let first = train.first().ok_or(WorkflowError::NoLogs)?;
     let expected = first.axes();
@@ -72,10 +69,7 @@ fn check_logs<'a>(
     Ok(first)
 }
 
-/// Checks the number of channels of a log.
-///
-/// # Errors
-/// [`WorkflowError::Refused`].
+/// Checks the number of channels of a log. Fails with [`WorkflowError::Refused`].
 pub fn check_channels(log: &Log, expected: usize) -> Result<(), WorkflowError> {
     let found = log.channels();
     if found == expected {

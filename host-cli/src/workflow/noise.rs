@@ -1,7 +1,6 @@
-//! Noise of the readings and the wrench of an unloaded sensor.
-//!
-//! RMS about the mean, so that no tare is needed; the mean is the offset that a tare would remove. The forces
-//! come from the [pipeline](forces) without a low-pass, which would hide the noise.
+//! Noise of the readings and the wrench of an unloaded sensor: RMS about the mean, so that no tare is needed; the
+//! mean is the offset that a tare would remove. The forces come from the [pipeline](forces) without a low-pass,
+//! which would hide the noise.
 
 use super::selection::{RowFilter, TimeWindow, read_with_memory};
 use super::{WorkflowError, check_channels, error::TIMES};
@@ -12,13 +11,11 @@ use log_file::{Log, ReadOptions, Wanted};
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::{AxisValues, PerAxis};
 
-/// Scatter of an unloaded sensor.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct NoiseSummary {
     pub rows: u64,
     /// Duplicates: rows whose readings equal the previous row's.
     pub repeated_rows: u64,
-    /// Invalid rows that were left out.
     pub skipped_rows: u64,
     pub frames: u64,
     pub rows_used: RowFilter,
@@ -38,15 +35,11 @@ pub struct Scatter {
     pub mean: f64,
     /// RMS deviation from the mean.
     pub rms: f64,
-    /// Largest minus smallest value.
     pub peak_to_peak: f64,
 }
 
 /// Measures the scatter of the frames of a log, in one pass and constant memory. `window` is the unloaded
 /// block of time; `None` for the whole log.
-///
-/// # Errors
-/// [`WorkflowError`].
 pub fn noise(
     log: &Log,
     calibration: &Calibration,
@@ -105,7 +98,6 @@ pub fn noise(
     })
 }
 
-/// Mean, variance and extremes of a column.
 #[derive(Clone, Copy, Debug)]
 struct ColumnStatistics {
     variance: RunningVariance,

@@ -13,7 +13,6 @@ use shell_data::wrench::{Axes, Axis};
 /// Number of rows that a report lists: more would bury the rest of the report.
 const LISTED: usize = 100;
 
-/// Columns of a list of rows.
 const HEADER: &str = "file,line,reason,axis,error_n_or_nm,error_in_sd,column,value,before,after";
 
 /// A row in the output of `--json`.
@@ -41,7 +40,6 @@ struct ColumnReport {
     after: Option<f64>,
 }
 
-/// Outliers with their files and lines.
 #[derive(Debug)]
 pub struct NamedOutliers {
     found: Outliers,
@@ -62,17 +60,14 @@ impl NamedOutliers {
         Self { found, names, axes }
     }
 
-    /// Warnings that name the first rows and assess them.
     pub fn remarks(&self) -> Vec<Remark> {
         self.found.warnings(self.axes, &self.names).into_iter().map(Remark::Warning).collect()
     }
 
-    /// Number of rows.
     pub fn count(&self) -> usize {
         self.found.rows.len()
     }
 
-    /// All rows, for `--json`.
     pub fn report(&self) -> Vec<OutlierReport> {
         self.found.rows.iter().zip(&self.names).map(report_of).collect()
     }
@@ -88,9 +83,6 @@ impl NamedOutliers {
     }
 
     /// Writes the rows with the reason why each was left out.
-    ///
-    /// # Errors
-    /// [`csv::Error`] if `output` fails.
     pub fn write(&self, output: &mut dyn Write) -> csv::Result<()> {
         let mut table = csv::Writer::from_writer(output);
         table.write_record(HEADER.split(','))?;

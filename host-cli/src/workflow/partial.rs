@@ -20,11 +20,8 @@ use shell_data::fingerprint::Fingerprint;
 
 #[derive(Clone, Copy)]
 pub struct PartialOptions<'a> {
-    /// The largest family of features to be fitted.
     pub basis: Basis,
-    /// True if the model has a constant.
     pub intercept: bool,
-    /// The groups whose sums are kept, if any.
     pub groups: Option<KeptGroups>,
     /// Seed that assigns rows to the random folds, which held-out errors are compared with.
     pub seed: u64,
@@ -32,7 +29,6 @@ pub struct PartialOptions<'a> {
     pub r_factors: bool,
     /// Use only rows whose readings differ from those of the previous row.
     pub fresh: bool,
-    /// Meanings of the columns of the logs.
     pub mapping: &'a Mapping,
     pub read: ReadOptions<'a>,
 }
@@ -44,23 +40,17 @@ pub enum KeptGroups {
     By(GroupKind),
 }
 
-/// Sums of some logs, also by group.
 type KeptLogs = (Sums, PartialGroups, ReadRows);
 
-/// Results of reading some logs, other than sums.
 struct ReadRows {
     /// For each group, the log that has its first row.
     first_in: Vec<usize>,
     summaries: Vec<ReadSummary>,
-    /// Fingerprint of the rows of each log.
     digests: Vec<Fingerprint>,
 }
 
-/// Sums the rows of `logs`, exactly if possible. Sorts the logs by name if groups are kept. The caller sets
-/// program and date.
-///
-/// # Errors
-/// [`WorkflowError`] if a log cannot be read, or there are too many groups.
+/// Sums the rows of `logs`, exactly if possible. Sorts the logs by name if groups are kept. The caller sets program
+/// and date. Fails with [`WorkflowError`] if a log cannot be read, or there are too many groups.
 pub fn sum(logs: &mut [Log], options: &PartialOptions<'_>) -> Result<PartialFit, WorkflowError> {
     let axes = super::agree_on_axes(logs, &mut [])?;
     if options.groups.is_some() {
@@ -111,7 +101,6 @@ pub fn sum(logs: &mut [Log], options: &PartialOptions<'_>) -> Result<PartialFit,
     Ok(partial)
 }
 
-/// Logs that are read block by block.
 struct BlockStream<'a> {
     logs: &'a [Log],
     by: GroupKind,
@@ -169,7 +158,6 @@ impl BlockStream<'_> {
         Ok((ReadRows { first_in, summaries, digests }, states))
     }
 
-    /// Exact sums by group.
     fn sum(&self, split: RandomSplit) -> Result<KeptLogs, WorkflowError> {
         let Model { basis, channels, .. } = self.model()?;
         let mut sums = GroupSums::new(basis, channels, Apart::Groups, split);
@@ -189,7 +177,6 @@ impl BlockStream<'_> {
         Ok((total, PartialGroups::exact(self.by, split, grouped, &rows.first_in), rows))
     }
 
-    /// R factors by group.
     fn factor(&self) -> Result<KeptLogs, WorkflowError> {
         let model = self.model()?;
         let sample = Wanted { readings: true, ..Wanted::default() };
@@ -207,12 +194,9 @@ impl BlockStream<'_> {
     }
 }
 
-/// Fits a calibration to the sums of `merged`, which is [in order](PartialFit::put_in_order). Without
-/// `model`, the model of the sums is used.
-///
-/// # Errors
-/// [`WorkflowError`] if the rows do not determine the coefficients, or an option needs groups and there are
-/// none.
+/// Fits a calibration to the sums of `merged`, which is [in order](PartialFit::put_in_order). Without `model`, the
+/// model of the sums is used. Fails with [`WorkflowError`] if the rows do not determine the coefficients, or an
+/// option needs groups and there are none.
 pub fn fit_merged(
     merged: &PartialFit,
     model: Option<ModelRule>,

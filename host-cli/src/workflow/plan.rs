@@ -20,12 +20,9 @@ pub struct RecordedSession {
 }
 
 impl RecordedSession {
-    /// Reads logs, and fits a physics model to them if they determine one. Logs without a wrench, as of
-    /// `calibrate`, have the loads of the `table` hung on the sensor.
-    ///
-    /// # Errors
-    /// [`WorkflowError`] if a log cannot be read, the logs differ in their channels or axes, or rows cannot
-    /// be matched with loads.
+    /// Reads logs, and fits a physics model to them if they determine one. Logs without a wrench, as of `calibrate`,
+    /// have the loads of the `table` hung on the sensor. Fails with [`WorkflowError`] if a log cannot be read, the
+    /// logs differ in their channels or axes, or rows cannot be matched with loads.
     pub fn read(
         logs: &[Log],
         table: &HungLoads,
@@ -70,10 +67,8 @@ fn training_rows(data: &Dataset) -> TrainingRows {
     TrainingRows::from_dataset(&labelled).0
 }
 
-/// The means of the poses of a session, from which it is replayed.
-///
-/// # Errors
-/// [`WorkflowError`] as [`RecordedSession::read`], or if readings or wrench are not finite.
+/// The means of the poses of a session, from which it is replayed. Fails with [`WorkflowError`] as
+/// [`RecordedSession::read`], or if readings or wrench are not finite.
 pub fn observations(
     logs: &[Log],
     read: &ReadOptions<'_>,

@@ -18,25 +18,19 @@ use log_file::{Log, ReadOptions, Wanted, read_logs};
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, PerAxis};
 
-/// An updated calibration, and the rows that were used.
 #[derive(Debug)]
 pub struct Recalibrated {
-    /// Change of the calibration.
     pub found: Recalibration,
     /// Rows, labelled by load.
     pub rows: Dataset,
     pub loads: usize,
     /// Passes if every load of the table was used.
     pub gate: Gate,
-    /// Errors of the new calibration on these rows.
     errors: Evaluation,
 }
 
 /// Finds changes of a sensor since it was calibrated. The wrench comes from the logs, or from a table of the
 /// loads that were hung.
-///
-/// # Errors
-/// [`WorkflowError`].
 pub fn recalibrate(
     file: &CalibrationFile,
     logs: &[Log],

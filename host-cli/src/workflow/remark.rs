@@ -11,20 +11,16 @@ use shell_data::wrench::Axes;
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(tag = "kind", content = "text", rename_all = "snake_case")]
 pub enum Remark {
-    /// Information on how something was done.
     Note(String),
-    /// A possible fault.
     Warning(String),
 }
 
-/// A note on the axes that a calibration lacks, if any.
 pub fn absent_axes(axes: Axes) -> Option<Remark> {
     let absent = Axes::ALL.without(axes);
     let text = || format!("the logs have no {absent}: the calibration is of {axes}");
     (!axes.are_all()).then(|| Remark::Note(text()))
 }
 
-/// A note on the groups that were found because none were named.
 pub fn found_groups(groups: FoundGroups) -> Remark {
     Remark::Note(format!(
         "the logs name no groups: found {groups}, and took those (`--group` names a column)",
@@ -46,13 +42,11 @@ pub fn used_rows(log: &Path, used: RowFilter, [rows, repeated, skipped]: [u64; 3
     Remark::Note(text)
 }
 
-/// A warning if the zero at the end of a log differs from the zero at its start.
 pub fn moved_zero(log: &Path, zero: &ZeroMove) -> Option<Remark> {
     let text = zero.in_words()?;
     Some(Remark::Warning(format!("`{}`: {text}", log.display())))
 }
 
-/// How a fit was made, and its faults.
 pub fn about_fit(fit: &Fit) -> Vec<Remark> {
     let mut remarks: Vec<Remark> = absent_axes(fit.calibration.axes).into_iter().collect();
     remarks.extend(fit.found_groups.map(found_groups));
@@ -77,7 +71,6 @@ pub fn about_fit(fit: &Fit) -> Vec<Remark> {
     remarks
 }
 
-/// A note on the result, or on why there is none.
 fn found_or_why(asked: &Outcome<impl Display, impl Display>, not_found: &str) -> Option<Remark> {
     Some(Remark::Note(match asked {
         Outcome::NotAsked => return None,

@@ -11,13 +11,9 @@ use report::{Input, OutlierRow, OutlierTable};
 use shell_data::block::Block;
 use trial::{Diagnostic, Instrument, Profile, TrialOptions, TrialResult};
 
-/// Maximum number of rows of one log that are named.
 const NAMED: usize = 20;
 
-/// A file with its checksum.
-///
-/// # Errors
-/// [`io::Error`] if the file cannot be read.
+/// A file with its checksum. Fails with [`io::Error`] if the file cannot be read.
 pub fn input(role: &str, path: &Path) -> io::Result<Input> {
     let bytes = std::fs::read(path)?;
     Ok(Input {
@@ -43,11 +39,8 @@ pub fn logs(batch: &Batch) -> Vec<Input> {
     inputs
 }
 
-/// The frames in the windows of trials with a reading that cannot be trusted; `None` without a calibration.
-/// Only logs whose diagnostics report such frames are read again; the first frames of each are named.
-///
-/// # Errors
-/// [`LogError`] if one of these logs can no longer be read.
+/// The frames in the windows of trials with a reading that cannot be trusted; `None` without a calibration. Only
+/// logs whose diagnostics report such frames are read again; the first frames of each are named.
 pub fn doubtful(
     batch: &Batch,
     mapping: &Mapping,

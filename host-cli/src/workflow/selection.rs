@@ -8,7 +8,6 @@ use shell_data::block::Block;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RowFilter {
-    /// Every row.
     All,
     /// Rows whose readings differ from those of the previous row: each frame once if a log runs faster than
     /// its sensor.
@@ -18,14 +17,11 @@ pub enum RowFilter {
 /// Time window in s on the log's own clock, both ends included.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct TimeWindow {
-    /// First instant.
     pub start_s: f64,
-    /// Last instant.
     pub end_s: f64,
 }
 
 impl RowFilter {
-    /// Keeps the used rows of `block`.
     pub fn select(self, block: &mut Block) {
         if self == RowFilter::Fresh {
             *block = block.kept(&block.fresh_rows());
@@ -43,18 +39,14 @@ pub(super) fn fresh_rows(log: &Log, used: RowFilter, block: &Block) -> Vec<bool>
 }
 
 impl TimeWindow {
-    /// True if a time lies within.
     pub fn contains(&self, time_s: f64) -> bool {
         self.start_s <= time_s && time_s <= self.end_s
     }
 }
 
 /// Reads a log as [`Log::read`] does, for a calibration. If it has memory terms, `work` gets the blocks with
-/// these, in order; otherwise on any thread. If rows are to be numbered, it also gets the numbers of the rows
-/// from 0, in order, in place of their times.
-///
-/// # Errors
-/// As [`Log::read`]; `wanted` must include the time if the calibration needs it.
+/// these, in order; otherwise on any thread. If rows are to be numbered, it also gets the numbers of the rows from
+/// 0, in order, in place of their times. `wanted` must include the time if the calibration needs it.
 pub(super) fn read_with_memory<T: Send, E: From<LogError>>(
     log: &Log,
     (wanted, read): (&Wanted, &ReadOptions<'_>),

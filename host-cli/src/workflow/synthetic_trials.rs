@@ -10,10 +10,7 @@ use simulation::synthetic_log::{
 };
 use simulation::virtual_robot::{ChannelForces, TrialSettings, Truth, VirtualTrial};
 
-/// Writes the log of a trial; returns the number of rows.
-///
-/// # Errors
-/// [`WorkflowError`] if the sensor cannot be modelled or `out` fails.
+/// Writes the log of a trial; returns the number of rows. Fails if the sensor cannot be modelled or `out` fails.
 pub fn write_log(
     out: &mut impl Write,
     trial: &VirtualTrial,
@@ -43,14 +40,12 @@ pub fn write_log(
     Ok(rows)
 }
 
-/// True values as the content of their file.
 pub fn truth_json(truth: &Truth) -> Vec<u8> {
     let mut text = serde_json::to_vec_pretty(truth).expect("numbers and names");
     text.push(b'\n');
     text
 }
 
-/// One trial of a set.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct SetTrial {
     /// The log, relative to the manifest.
@@ -60,15 +55,11 @@ pub struct SetTrial {
     pub rows: u64,
 }
 
-/// File name of a set's manifest.
 pub const MANIFEST: &str = "manifest.csv";
 
-/// Writes the example set into `directory`, which is created if necessary: `per_condition` trials of each of
-/// the paper's conditions, their true values, and the manifest for `shellcal batch`. `base` sets everything
-/// but seed and condition; seeds count up from its seed.
-///
-/// # Errors
-/// [`WorkflowError`] if the settings do not define a trial or a file cannot be written.
+/// Writes the example set into `directory`, which is created if necessary: `per_condition` trials of each of the
+/// paper's conditions, their true values, and the manifest for `shellcal batch`. `base` sets everything but seed
+/// and condition; seeds count up from its seed.
 pub fn write_set(
     outputs: &Outputs,
     directory: &Path,

@@ -18,7 +18,6 @@ use system_tests::program::{refused, succeed};
 use crate::board::pty;
 use crate::recording::{assert_rows_are, calibration, frame, read_log};
 
-/// Writes the replies of `obey` to each command, until it is stopped.
 fn serve(
     mut port: TTYPort,
     stopped: &AtomicBool,

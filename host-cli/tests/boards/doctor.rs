@@ -1,8 +1,7 @@
-//! `shellcal doctor` names planted faults, and finds none in sound set-ups.
-//!
-//! Faults of files are planted in the shipped recordings and in calibrations fitted to them, faults
-//! of boards in a fake board on a pty, faults of the system (permissions, adapters) in the tests of
-//! `link/port_state.rs` and `workflow/doctor/port.rs`.
+//! `shellcal doctor` names planted faults, and finds none in sound set-ups. Faults of files are
+//! planted in the shipped recordings and in calibrations fitted to them, faults of boards in a fake
+//! board on a pty. Unit tests of `board-link` and `doctor` plant faults of the system (permissions,
+//! adapters).
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -35,7 +34,6 @@ pub(crate) fn examine(dir: &Path, arguments: &str) -> (i32, Vec<(String, String)
     (code, found, report.to_string())
 }
 
-/// Checks that the doctor finds this, and nothing else.
 fn assert_found(dir: &Path, arguments: &str, expected: &[(&str, &str)]) {
     let (_, found, report) = examine(dir, arguments);
     let found: Vec<_> = found.iter().map(|(c, s)| (c.as_str(), s.as_str())).collect();
@@ -107,7 +105,6 @@ impl Table {
 
 const WRENCH: [&str; 6] = ["fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"];
 
-/// Writes a tested calibration of the shipped training data as `cal.json`.
 fn calibrate(dir: &Path) {
     let (train, test) = (shipped("synthetic-train.csv"), shipped("synthetic-test.csv"));
     let files = format!("{} --test {}", train.display(), test.display());

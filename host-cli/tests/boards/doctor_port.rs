@@ -23,7 +23,6 @@ use crate::recording::calibration;
 /// More boards and programs may be late beside the other tests.
 const BOARDS_AT_ONCE: usize = 8;
 
-/// A healthy board, except for the planted fault.
 #[derive(Clone)]
 struct Plan {
     serials: Vec<[u8; 12]>,
@@ -128,7 +127,6 @@ fn other_version(version: u8) -> Vec<u8> {
     [&[packet.len() as u8 + 1], &packet[..], &[0]].concat()
 }
 
-/// The board of a plan on a pty, for the lifetime of this value.
 struct Running {
     port: String,
     stop: Arc<AtomicBool>,

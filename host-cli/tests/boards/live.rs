@@ -225,7 +225,6 @@ fn calibrate(dir: &Path) {
     succeed(dir, &format!("fit --model cubic {} --output cal.json", train.display()));
 }
 
-/// Loads by label.
 const RIG: [(&str, [f64; 6]); 4] = [
     ("ahead", [1.5, 0.0, 0.0, 0.0, 0.0, 0.0]),
     ("astern", [-1.5, 0.0, 0.0, 0.0, 0.0, 0.0]),

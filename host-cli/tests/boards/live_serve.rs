@@ -306,8 +306,7 @@ fn malformed_requests_are_refused_and_harmless() {
         bytes.truncate(random.below(bytes.len() as u64 + 1) as usize);
         view.connect().write_all(&bytes).unwrap();
     }
-    // Clients that left have freed their seats. Without a seat, a client is refused, and tries
-    // again.
+    // Clients that left freed their seats. Without a seat, a client is refused and tries again.
     let is_served =
         || view.try_to_ask(with("GET", "/", "")).is_ok_and(|answer| status(&answer) == "200");
     let wait_for_a_seat = || {
@@ -374,7 +373,6 @@ fn views_that_cannot_be_served_are_refused() {
     refused(&format!("{log} --serve={at}"), &format!("cannot listen at {at}"));
     refused(&format!("{log} --serve=somewhere"), "invalid value 'somewhere'");
     refused("none.csv --serve", "cannot read `none.csv`");
-    // A message says which machines can reach it.
     let serve = format!("live {log} --serve=0.0.0.0:0 --duration 0.2 --json");
     let (printed, said) = ended(&dir, &serve, 0);
     assert!(said.contains("not encrypted"), "{said}");

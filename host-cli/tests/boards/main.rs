@@ -1,6 +1,5 @@
-//! Tests of boards: recording, live views, streams and `doctor`.
-//!
-//! Without `SHELLCAL_REAL_DATA` at build time, tests on real recordings are ignored (`build.rs`).
+//! Tests of boards: recording, live views, streams and `doctor`. Without `SHELLCAL_REAL_DATA` at
+//! build time, tests on real recordings are ignored (`build.rs`).
 
 #![allow(
     clippy::unwrap_used,

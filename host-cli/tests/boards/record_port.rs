@@ -139,8 +139,7 @@ fn a_recording_killed_at_any_moment_keeps_all_that_was_written() {
     });
 }
 
-/// Kills a recording some time after its first row; a test of the recorder shows how soon rows
-/// come.
+/// Kills a recording some time after its first row; the recorder's tests show how soon rows come.
 fn kill_after(moment: Duration) {
     let dir = tempfile::tempdir().unwrap();
     let (board, port) = pty();

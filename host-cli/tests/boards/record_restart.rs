@@ -137,7 +137,6 @@ enum Loss {
     Unplugged,
 }
 
-/// Makes a pty that has this name from now on.
 fn plug(link: &Path) -> TTYPort {
     let (mut port, name) = pty();
     port.set_timeout(Duration::from_millis(2)).unwrap();

@@ -84,8 +84,7 @@ struct Done {
     restarts: u64,
 }
 
-/// A box at 1 kHz that loses one record in 500, delays and repeats one, and restarts its count
-/// once.
+/// A box at 1 kHz that loses one record in 500, delays and repeats one, and restarts its count.
 fn play_box(socket: &UdpSocket, listener: &TcpListener, stop: &AtomicBool) -> Done {
     serve_page(listener);
     let mut request = [0; 64];

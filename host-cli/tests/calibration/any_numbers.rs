@@ -12,8 +12,7 @@ const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration-data/syn
 /// No fraction of a power of two or ten.
 const VOLT: f64 = 0.1 + 1e-9;
 
-/// Writes `train.csv`, `volts.csv` in other units, and its rows in turn in `a.csv`, `b.csv`,
-/// `c.csv`.
+/// Writes `train.csv`, `volts.csv` (other units), and its rows in turn in `a.csv` to `c.csv`.
 fn folder() -> TempDir {
     let dir = tempfile::tempdir().unwrap();
     let text = fs::read_to_string(DATA).unwrap();

@@ -35,7 +35,6 @@ fn a_certificate_states_what_is_known_and_what_is_missing() {
     succeed(&dir, "fit train.csv --model cubic --cv --serial <b>7 -o cal.json");
     let said = json(&dir, "report cal.json --certificate -o little.html --json");
     let little = fs::read_to_string(dir.path().join("little.html")).unwrap();
-    // Text stays text.
     assert!(little.contains("&lt;b&gt;7") && !little.contains("<b>7"), "{little}");
     assert!(little.contains("drift of the zero, reference, of which nothing was stated"));
     // Only the error on held-out groups is known.

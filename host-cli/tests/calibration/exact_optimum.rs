@@ -1,6 +1,5 @@
-//! The fit against the exact least-squares optimum, found in rational arithmetic.
-//!
-//! Every `f64` is a dyadic rational, so the normal equations can be solved without rounding.
+//! The fit against the exact least-squares optimum. Every `f64` is a dyadic rational, so the normal
+//! equations can be solved in rational arithmetic, without rounding.
 
 use calibration::Calibration;
 use calibration::model::{Basis, Model};

@@ -51,7 +51,6 @@ fn fit(dir: &TempDir, arguments: &str) -> (Value, String) {
     (serde_json::from_str(&printed).unwrap(), said)
 }
 
-/// A constant reference, and one with noise.
 const NOISES: [f64; 2] = [0.0, 0.01];
 
 #[test]
@@ -172,7 +171,6 @@ fn test_rows_of_plateaus_that_were_trained_on_earn_a_warning_in_any_order() {
     write("train.csv", &train);
     write("test.csv", &test);
     assert!(share("train.csv --test test.csv") > Some(0.95));
-    // In the order of a random split.
     let mut random = Random(2);
     for last in (1..rows.len()).rev() {
         rows.swap(last, random.below(last as u64 + 1) as usize);
@@ -189,7 +187,6 @@ fn test_rows_of_plateaus_that_were_trained_on_earn_a_warning_in_any_order() {
         .map(|&(t, readings, load, pose)| (t, readings.map(|reading| reading + 40.0), load, pose));
     write("again.csv", &again.collect::<Vec<_>>());
     assert!(share("train.csv --test again.csv") < Some(0.05));
-    // Without plateaus there is no message.
     write("noisy.csv", &poses(21, 30, 0.01));
     assert_eq!(share("noisy.csv --test test.csv"), None);
 }

@@ -168,8 +168,7 @@ pub(crate) fn hung(mass_kg: f64, point_mm: [f64; 3]) -> String {
     text
 }
 
-/// Makes `cal.json`, `morning.csv` with 200 rows `zero` and 200 `weight`, and `lever.csv`, off
-/// axis.
+/// Makes `cal.json`, `morning.csv` (200 rows `zero`, 200 `weight`) and off-axis `lever.csv`.
 fn morning() -> TempDir {
     let (dir, train, _) = folder();
     fs::write(dir.path().join("forces.csv"), cut(&train, |name| !name.ends_with("_nm"))).unwrap();

@@ -55,7 +55,6 @@ fn the_parts_of_a_calibration_are_where_they_belong() {
 #[test]
 fn golden_partial_fits_are_read_and_written_unchanged() {
     let path = golden("partial-v1.json");
-    // It has no checksum yet.
     PartialFit::read(&path).unwrap_err();
     let partial = PartialFit::read_edited(&path).unwrap();
     assert_eq!(as_before(&partial.to_json(), 1), fs::read_to_string(&path).unwrap());

@@ -1,6 +1,5 @@
-//! Tests of fitting and judging calibrations, by the library and the program.
-//!
-//! Without `SHELLCAL_REAL_DATA` at build time, tests on real recordings are ignored (`build.rs`).
+//! Tests of fitting and judging calibrations, by the library and the program. Without
+//! `SHELLCAL_REAL_DATA` at build time, tests on real recordings are ignored (`build.rs`).
 
 #![allow(
     clippy::unwrap_used,

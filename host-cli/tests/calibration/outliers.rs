@@ -332,7 +332,6 @@ fn spikes_in_fast_motion_are_named_and_no_other_row() {
     let is_planted = |line: &&usize| positions.contains(&(**line - 2));
     let found = named.iter().filter(is_planted).count();
     println!("{found} of {SPIKES} spikes named, {} other rows", named.len() - found);
-    // A cubic model without lag and memory follows badly: a minor channel's spike is within its
-    // errors.
+    // A cubic model without lag and memory follows badly: its errors hide a minor channel's spike.
     assert!(found >= 95 && named.len() == found, "{found} of {SPIKES}: {named:?}");
 }

@@ -134,7 +134,6 @@ fn parts_of_other_columns_or_of_the_same_rows_are_refused() {
         let error = refused(&dir, "merge 1.json other.json -o cal.json");
         assert!(error.contains(expected), "{flags}: {error}");
     }
-    // The same columns with other options.
     for flags in ["--sensors s1,s2,s3,s4,s5,s6,s7,s8", "--serial A7", ""] {
         fit("2.csv", flags);
         succeed(&dir, "merge 1.json other.json -o cal.json");

@@ -1,5 +1,4 @@
 //! Least squares in exact rational arithmetic, by Dixon's p-adic lifting (Numer. Math. 40, 1982).
-//!
 //! The result is checked: numerators and denominator satisfy the normal equations in whole numbers.
 
 use calibration::model::Model;

@@ -138,7 +138,6 @@ fn random_load(random: &mut RandomStream) -> PerAxis<f64> {
     force_at(direction.map(|x| force_n * x / length), point)
 }
 
-/// Applies up to `count` requested loads.
 fn sit(bench: &mut Bench, sitting: &mut Sitting, hung: &HungLoads, count: usize) {
     bench.show(sitting, &[0.0; 6], 2.0);
     while sitting.stage() == SittingStage::Loads && sitting.used() < count {

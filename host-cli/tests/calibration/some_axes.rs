@@ -43,7 +43,6 @@ fn numbers(values: &Value) -> Vec<f64> {
     }
 }
 
-/// Asserts that numbers are equal, bit for bit or within [`ROUNDING`].
 fn assert_same(found: &Value, expected: &Value, is_exact: bool, what: &str) {
     if is_exact {
         return assert_eq!(found, expected, "{what}");

@@ -1,6 +1,5 @@
-//! Spoilt training and test rows are named with the right cure, and sound ones are not.
-//!
-//! `docs/spoilt-files.md` has the table that this makes.
+//! Spoilt training and test rows are named with the right cure, and sound ones are not. These tests
+//! make the table of `docs/spoilt-files.md`.
 
 use std::fmt::Write;
 use std::fs;

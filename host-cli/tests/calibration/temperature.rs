@@ -89,8 +89,7 @@ fn a_temperature_among_the_channels_takes_its_effect_out_of_the_forces() {
         // The noise remains, 3 counts at most over gains of 300.
         assert!(quadratic[axis] < 0.02, "{quadratic:?}");
     }
-    // The calibration remembers its channels, and flags readings out of range, also the
-    // temperature.
+    // The calibration remembers its channels, and flags out-of-range readings and temperatures.
     fs::write(dir.path().join("warm.csv"), log(20, 31.0, 32.0, 3)).unwrap();
     program::run(dir.path(), "convert linear,temperature_c.json warm.csv -o warm-out.csv", 0);
     let flags = column(&dir.path().join("warm-out.csv"), "flags");

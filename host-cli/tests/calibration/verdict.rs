@@ -98,13 +98,11 @@ fn eval_has_the_screen_and_the_words_of_fit() {
     assert!(said.starts_with("NOT KNOWN: the error on new loads, `"), "{text}");
     assert!(text.contains("was used for the fit"), "{text}");
 
-    // Fx and Fy exchanged.
     let swapped = fs::read_to_string(&test).unwrap().replacen("fx_n,fy_n", "fy_n,fx_n", 1);
     fs::write(dir.path().join("swapped.csv"), swapped).unwrap();
     let text = succeed(&dir, "eval cal.json swapped.csv");
     assert!(text.starts_with("NOT OK on the test: exchanging Fx and Fy brings "), "{text}");
 
-    // Several logs have their errors below.
     fs::copy(&test, dir.path().join("other.csv")).unwrap();
     let text = succeed(&dir, "eval cal.json swapped.csv other.csv");
     assert!(text.starts_with("NOT OK on the test: in `swapped.csv` exchanging"), "{text}");

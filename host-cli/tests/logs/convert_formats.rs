@@ -142,7 +142,6 @@ fn other_columns_are_carried_along() {
     assert!(said.contains("no column `nothing`"), "{said}");
 }
 
-/// Opens the files with common packages.
 const CHECK: &str = r#"
 import csv, json, math, sys
 import numpy, polars, scipy.io

@@ -1,6 +1,5 @@
-//! Tests of reading, converting and aligning logs.
-//!
-//! Without `SHELLCAL_REAL_DATA` at build time, tests on real recordings are ignored (`build.rs`).
+//! Tests of reading, converting and aligning logs. Without `SHELLCAL_REAL_DATA` at build time,
+//! tests on real recordings are ignored (`build.rs`).
 
 #![allow(
     clippy::unwrap_used,

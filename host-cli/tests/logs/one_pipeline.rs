@@ -39,7 +39,6 @@ fn of_trace(trace: &Trace) -> Forces {
     trace.t_s.iter().enumerate().map(|(row, time)| (time.to_bits(), wrench(row))).collect()
 }
 
-/// Asserts that `some`, at least `at_least`, are among `all`.
 fn assert_within(some: &Forces, all: &Forces, at_least: usize, what: &str) {
     assert!(some.len() >= at_least, "{what}: {} rows", some.len());
     for (time, wrench) in some {

@@ -110,8 +110,7 @@ proptest! {
         failure_persistence: None,
         rng_seed: proptest::test_runner::RngSeed::Fixed(1), ..ProptestConfig::default() })]
 
-    // Within a turn of its clock the board gives the length, beyond it the host: exact or "at
-    // least".
+    // Within a turn of its clock the board gives the length, beyond it the host: exact or minimal.
     #[test]
     fn the_length_of_a_silence_is_reported(outage in outages()) {
         let (losses, silence_us, frames) = told(outage);
@@ -137,8 +136,7 @@ proptest! {
         prop_assert_eq!(losses.restarts, 1);
         prop_assert_eq!(losses.uncertain, u64::from(!outage.live));
         if outage.live {
-            // The new clock begins at 1.5 s or later; the host's drifts, and the first frame is
-            // late.
+            // The new clock begins at 1.5 s or later; the host's drifts; the first frame is late.
             let elapsed_us = (outage.lost + 1) * outage.period_us;
             let since_us = 1_500_000 + (outage.lost - restart) * outage.period_us;
             let drift_us = elapsed_us.max(since_us) / 5_000 + 10;

@@ -65,7 +65,6 @@ fn append(whole: &mut Block, mut next: Block) {
     }
 }
 
-/// Checks that the rows of a log are these frames, in this order.
 pub fn assert_rows_are(log: &Block, indices: impl IntoIterator<Item = u64>) {
     let indices: Vec<u64> = indices.into_iter().collect();
     assert_eq!(log.rows, indices.len());

@@ -1,6 +1,5 @@
-//! Tests of trials, simulations and their documents.
-//!
-//! Without `SHELLCAL_REAL_DATA` at build time, tests on real recordings are ignored (`build.rs`).
+//! Tests of trials, simulations and their documents. Without `SHELLCAL_REAL_DATA` at build time,
+//! tests on real recordings are ignored (`build.rs`).
 
 #![allow(
     clippy::unwrap_used,

@@ -9,7 +9,6 @@ use system_tests::program::{Recording, json, python, run, run_patiently};
 
 use crate::simulated_board::Board;
 
-/// Serial number of the board's module.
 const SERIAL: &str = "0013A20041000002";
 
 /// Returns the frames of a log, all of which must be there, and their signal strength in dBm.

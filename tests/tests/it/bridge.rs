@@ -1,8 +1,7 @@
-//! A bridge between the serial port of the modelled board and a pty for `shellcal`.
-//!
-//! The model never waits: it produces minutes of samples in seconds. The bridge stores them until
-//! `shellcal` has read them. While too much is stored, the emulator is stopped, which the board
-//! cannot notice, so no data are lost even if the host stalls for long.
+//! A bridge between the serial port of the modelled board and a pty for `shellcal`. The model never
+//! waits: it produces minutes of samples in seconds, which the bridge stores until `shellcal` has
+//! read them. While too much is stored, the emulator is stopped, which the board cannot notice, so
+//! no data are lost even if the host stalls for long.
 
 use std::collections::VecDeque;
 use std::io::{Read, Write};

@@ -1,7 +1,5 @@
-//! The tests across crates, one module per subject.
-//!
-//! A test that needs more than the program is ignored, and names its requirement; `cargo xtask
-//! test` sets that up and runs the test.
+//! The tests across crates, one module per subject. A test that needs more than the program is
+//! ignored, and names its requirement; `cargo xtask test` sets that up and runs the test.
 
 #![allow(
     clippy::unwrap_used,

@@ -1,6 +1,5 @@
-//! `shellcal` on both ends of a pty: a simulated board, and the program that records it.
-//!
-//! The board's clock shows when frames were due, so only the duration depends on the machine.
+//! `shellcal` on both ends of a pty: a simulated board, and the program that records it. The
+//! board's clock shows when frames were due, so only the duration depends on the machine.
 
 use std::fs;
 use std::path::Path;

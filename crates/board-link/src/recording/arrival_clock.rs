@@ -51,16 +51,15 @@ impl ArrivalClock {
         Self { known: Some((tick_s, tolerance)), ..Self::default() }
     }
 
-    /// Returns a clock for a sensor that has restarted its count; keeps a known duration of a tick.
+    /// Creates a clock for a restarted count; keeps a known duration of a tick.
     pub fn begun_anew(&self) -> Self {
         let tick_s = self.tick_s().filter(|_| self.span_s() >= SURE_S);
         tick_s.map_or_else(Self::default, |tick_s| Self::known(tick_s, SAME_TICK))
     }
 
-    /// Adds the arrival of a sample; ticks must increase, others are ignored.
-    ///
-    /// The clock has been set if all samples of half a second lie more than `jump_s` above the
-    /// line, or one below it. For a sensor that counts samples, it is about their period.
+    /// Adds the arrival of a sample; ticks must increase, others are ignored. The clock has been
+    /// set if all samples of half a second lie more than `jump_s` above the line, or one below it.
+    /// For a sensor that counts samples, `jump_s` is about their period.
     pub fn push(&mut self, tick: f64, arrival_s: f64, jump_s: f64) {
         if self.newest.is_some_and(|(last, _)| tick <= last) {
             return;

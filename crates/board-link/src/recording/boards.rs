@@ -1,7 +1,6 @@
-//! The boards behind a port, each with its own stream.
-//!
-//! A base station in API mode names each packet's module, so modules are decoded separately. Behind
-//! a transparent one, packets name their board from version 3 of the protocol on.
+//! The boards behind a port, each with its own stream. A base station in API mode names each packet's module, so
+//! modules are decoded separately. Behind a transparent one, packets name their board from version 3 of the protocol
+//! on.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -24,7 +23,6 @@ pub(crate) struct PacketWire {
     modules: Vec<(Option<Address>, Decoder)>,
 }
 
-/// The reading of a stream as one with escapes.
 #[derive(Clone, Debug)]
 struct EscapedFrames {
     deframer: Deframer,
@@ -112,7 +110,7 @@ impl PacketWire {
 pub struct BoardSource {
     /// Address of the module, if the base station is in API mode.
     pub address: Option<Address>,
-    /// The board's name in its packets, behind a transparent base station.
+    /// Name in its packets, behind a transparent base station.
     pub board: Option<u16>,
 }
 
@@ -229,7 +227,7 @@ impl Boards {
     }
 }
 
-/// Returns the board, which may be new; `None` if there are too many.
+/// Finds or adds a board; `None` if there are too many.
 fn board_of(heard: &mut Vec<HeardBoard>, sender: BoardSource) -> Option<&mut HeardBoard> {
     let known = heard.iter().position(|board| board.sender == sender);
     if known.is_none() && heard.len() < MOST {

@@ -58,8 +58,7 @@ pub struct Force {
 }
 
 impl RunningForces {
-    /// # Errors
-    /// [`UnsuitableCalibration`] if the calibration has another number of channels.
+    /// Fails with [`UnsuitableCalibration`] if the calibration has another number of channels.
     pub fn new(live: LiveForces) -> Result<Self, UnsuitableCalibration> {
         let channels = live.calibration.channels();
         if channels != CHANNELS {
@@ -74,10 +73,8 @@ impl RunningForces {
         Ok(Self { calibration: live.calibration, options, stage, memory, rests, newest: None })
     }
 
-    /// Computes the forces of frames that hold readings.
-    ///
-    /// # Errors
-    /// [`ForceError`] if the low-pass is impossible at their rate.
+    /// Computes the forces of frames that hold readings. Fails with [`ForceError`] if the low-pass
+    /// is impossible at their rate.
     pub fn of(&mut self, frames: &[BoardFrame]) -> Result<Vec<Force>, ForceError> {
         let times_s: Vec<f64> = frames.iter().map(|frame| frame.time_us as f64 / 1e6).collect();
         let mut readings = columns(frames);

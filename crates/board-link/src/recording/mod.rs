@@ -10,9 +10,8 @@
 //! interpolated to a common time; a missing frame has no row, and the next row counts it.
 //!
 //! Readings are in 12-bit steps for every board (packets are divided by
-//! [`shared_proto::COUNTS_PER_LSB`]), so that a calibration suits all.
-//!
-//! This module uses no files, ports or clocks: see [`crate`].
+//! [`shared_proto::COUNTS_PER_LSB`]), so that a calibration suits all. This module uses no files,
+//! ports or clocks: see [`crate`].
 
 mod arrival_clock;
 mod boards;

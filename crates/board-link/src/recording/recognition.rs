@@ -5,7 +5,6 @@ use std::time::Duration;
 use shared_proto::xbee::Mode;
 use shared_proto::{Decoder, Event, Framing, Protocol, detect};
 
-/// The protocols with their names and descriptions.
 pub const PROTOCOLS: [(&str, &str, Protocol); 4] = [
     ("cobs", "Packets over a wire or a transparent XBee", Protocol::Packets(Framing::Cobs)),
     ("xbee-ap1", "Packets over an XBee in API mode", Protocol::Packets(Framing::Xbee(Mode::Plain))),
@@ -31,7 +30,7 @@ const PATIENCE: Duration = Duration::from_millis(250);
 /// Bytes and time without a frame after which detection gives up.
 const HOPELESS: (usize, Duration) = (1 << 16, Duration::from_secs(3));
 
-/// Minimum number of bytes for that verdict: the longest frame and the start of the next.
+/// Minimum number of bytes to give up: the longest frame and the start of the next.
 const SOME: usize = 100;
 
 #[derive(Clone, Debug, Default)]
@@ -63,9 +62,7 @@ impl Recognition {
     }
 
     /// Takes bytes that arrived at `now`; returns the protocol once known, and all bytes so far.
-    ///
-    /// # Errors
-    /// [`NoFrame`] once frames are unlikely to come.
+    /// Fails with [`NoFrame`] once frames are unlikely to come.
     pub fn feed(
         &mut self,
         bytes: &[u8],

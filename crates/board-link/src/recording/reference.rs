@@ -4,9 +4,8 @@
 //! samples, their arrival ─ ArrivalClock ─▶ time of this computer ─┐
 //! frames, their arrival  ─ ArrivalClock ─▶ time of this computer ─┴─▶ the sample nearest to each frame
 //! ```
-//!
-//! A row gets the sample closest in time to its frame, or none if no sample is close;
-//! [`rows`](super::rows) describes its columns.
+//! A row gets the sample closest in time to its frame, or none if no sample is close; [`rows`](super::rows) describes
+//! its columns. [`rows`](super::rows) describes its columns.
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -50,7 +49,6 @@ pub struct ReferenceCounts {
 }
 
 impl ReferenceCounts {
-    /// Describes the losses; `none lost` without any.
     pub fn in_words(&self) -> String {
         let Self { missing, late, duplicates, restarts, with_status, damaged, untimed, .. } = *self;
         let counts = [
@@ -254,8 +252,7 @@ impl ReferenceBeside {
         clock.time_s(frame.time_us as f64 / 1e6)
     }
 
-    /// Returns how many leading frames are due: the reference has reached them, or they waited
-    /// enough.
+    /// Returns how many leading frames are due: reached by the reference, or held long enough.
     pub(crate) fn due(&self, frames: &[BoardFrame], now_s: f64) -> usize {
         let waits = |frame: &BoardFrame| match self.frame_s(frame) {
             Some(time_s) => time_s > self.newest_s && now_s - time_s < PATIENCE_S,

@@ -9,9 +9,8 @@
 //! Behind a base station in API mode, `rssi_dbm` precedes the flags. HEALTH is
 //! `temperature_c,supply_v,vrefint,dark1,…,dark8`: given in the first row after a report, about
 //! once a second, and empty elsewhere, except for the temperature, which is repeated. `vrefint` and
-//! `dark` are in steps.
-//!
-//! `sync` and `sync_s` are number and time (clock of `t_s`) of a sync edge, in the row after it.
+//! `dark` are in steps. `sync` and `sync_s` are number and time (clock of `t_s`) of a sync edge, in
+//! the row after it.
 //!
 //! `missing` counts the frames lost between this row and the previous one; `dropped` is the board's
 //! own count, which wraps at 256. `flags` is empty for a regular row. Flags are `s3:saturated` and
@@ -22,16 +21,11 @@
 //! a causal low-pass. `mark1`, `mark2`, … are marks set by the user.
 //!
 //! With a reference sensor, `fx_n` … `mz_nm` are its wrench, from the sample closest in time to the
-//! frame, or empty if none is close or the sensor reports an error. These columns precede the
-//! flags:
-//!
-//! - `ref_index`: the number of the sample;
-//! - `ref_missing`: the number of samples lost since the sample of the previous row;
-//! - `ref_status`: the sensor's status word;
-//! - `ref_t_s`: the time of the sample, on the clock of `t_s`;
-//! - `ref_t_error_s`: the error of that time, without the constant parts of both delays.
-//!
-//! If blocks of time are labelled, as planned loads are, `group` precedes the flags.
+//! frame, or empty if none is close or the sensor reports an error. More columns precede the flags:
+//! `ref_index` and `ref_status`, the sample's number and the sensor's status word; `ref_missing`,
+//! the samples lost since the previous row's; `ref_t_s`, the sample's time on the clock of `t_s`;
+//! and `ref_t_error_s`, the error of that time, without the constant parts of both delays. If
+//! blocks of time are labelled, as planned loads are, `group` precedes the flags.
 
 use std::collections::VecDeque;
 
@@ -59,7 +53,6 @@ pub(crate) struct Annotations {
 pub(crate) struct RowWriter {
     /// True for readings, false for wrenches of the board.
     holds_readings: bool,
-    /// True for all but the original board.
     is_numbered: bool,
     pub(crate) forces: Option<RunningForces>,
     last_index: Option<i64>,
@@ -74,9 +67,7 @@ impl RowWriter {
     /// Creates a writer for frames like `first`. `numbered` frames have sequence numbers, `forces`
     /// adds a calibration's forces, `as_sampled` leaves the channels at their sampling times,
     /// `has_labels` adds a column for labels, and the axes of a `reference` replace the forces.
-    ///
-    /// # Errors
-    /// [`UnsuitableCalibration`] if the calibration does not suit the frames.
+    /// Fails with [`UnsuitableCalibration`] if the calibration does not suit the frames.
     pub(crate) fn new(
         first: &BoardFrame,
         numbered: bool,
@@ -213,7 +204,6 @@ impl RowWriter {
 
 const REFERENCE: [&str; 5] = ["ref_index", "ref_missing", "ref_status", "ref_t_s", "ref_t_error_s"];
 
-/// Writes the wrench of a reference, or empty fields.
 fn write_reference_wrench(axes: Axes, beside: Option<&BesideRow>, text: &mut Vec<u8>) {
     match beside.and_then(|row| row.wrench) {
         Some(wrench) => write_numbers(&axes.of(&wrench), text),
@@ -269,7 +259,6 @@ fn write_edge(edge: Option<&BoardEdge>, text: &mut Vec<u8>) {
     write_time(*time_us, text);
 }
 
-/// Returns the flags of a frame, empty for a regular one.
 pub fn row_flags(frame: &BoardFrame, force: Option<&Force>, is_late: bool) -> Vec<String> {
     let words = [
         (force.is_some_and(|force| force.untared), "untared"),

@@ -17,10 +17,8 @@ pub(super) enum Arrival {
     Duplicate,
 }
 
-/// Unwraps 16-bit sequence numbers and counts missing, duplicate and late samples.
-///
-/// It keeps a window of bits over the newest numbers, like RFC 4303 §3.4.3. A step of 32,768 or
-/// more looks like a backward step.
+/// Unwraps 16-bit sequence numbers and counts missing, duplicate and late samples, with a window of
+/// bits over the newest numbers (like RFC 4303 §3.4.3). A step of 32,768 or more looks backward.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Tracker {
     newest: Option<i64>,

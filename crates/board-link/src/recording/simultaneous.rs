@@ -7,13 +7,11 @@
 //! from its middle point, the polynomial of seven equidistant points has an error of at most
 //! s(s²−1)(s²−4)(s²−9)/5040 · (2πf/rate)⁷ of a sine's amplitude (J. Stoer, R. Bulirsch,
 //! "Introduction to Numerical Analysis", 2.1.4): 0.6 % for 20 Hz at 100 Hz and s = 0.19.
-//!
 //! Next to a gap there are fewer points; an isolated frame is left as sampled.
 
 use super::reception::{BoardFrame, Measured};
 use shared_proto::{CHANNELS, COUNTS_PER_LSB, Timing};
 
-/// Number of frames on either side that take part.
 const REACH: usize = 3;
 
 /// Largest distance within a run, relative to the shortest one next to the frame.
@@ -80,8 +78,7 @@ impl Simultaneous {
         ready
     }
 
-    /// Returns true if the board's timing is known, or will not be; it also applies to earlier
-    /// frames.
+    /// Returns true once the timing, which also holds for earlier frames, is known or given up.
     fn is_described(&mut self) -> bool {
         if self.described {
             return true;

@@ -77,9 +77,8 @@ pub(super) struct Timeline {
     pub(super) tracker: Tracker,
     newest: Option<(Stamp, i64)>,
     period: Period,
-    /// Silences with a possibly greater loss than counted as missing.
     pub(super) uncertain: u64,
-    /// True if the board has announced a start, without a frame since.
+    /// The board has announced a start, without a frame since.
     has_booted: bool,
 }
 
@@ -104,8 +103,7 @@ impl Timeline {
         self.has_booted = self.newest.is_some();
     }
 
-    /// Returns the position of a frame that follows, at the time nearest to the newest frame's,
-    /// since frames may be out of order.
+    /// Positions a frame that follows, near the newest frame's time: frames may be out of order.
     pub(super) fn follow(&mut self, stamp: Stamp) -> FramePosition {
         let (index, arrival) = self.tracker.position(stamp.sequence);
         let time_us = self.newest.map_or(i64::from(stamp.clock_us), |(newest, newest_us)| {
@@ -244,8 +242,7 @@ impl Period {
         2 + self.count(us) / (16 * self.samples.max(1))
     }
 
-    /// Returns the number of frames sent in a time, the step of the number plus a multiple of its
-    /// wrap; `None` if no multiple fits.
+    /// Returns the frames sent in a time, the number's step plus wraps; `None` if none fits.
     fn sent(&self, step: &FrameStep, elapsed_us: u64) -> Option<u64> {
         let (expected, slack) = (self.count(elapsed_us), self.slack(elapsed_us));
         if slack >= SHORT {

@@ -9,10 +9,9 @@
 //! takes none is dropped. Connections, waiting orders and requests are bounded.
 //!
 //! Every client, such as a program without the token, may read an [`OpenDocument`]. Every other
-//! request must carry the token, and a `Host` that no other site can have (`request`).
-//!
-//! The server speaks plain HTTP 1.1 with one request per connection, without bodies, files or
-//! cookies. docs/adr/0009-live-in-a-browser.md explains why it uses no library and no WebSocket.
+//! request must carry the token, and a `Host` that no other site can have (`request`). The server
+//! speaks plain HTTP 1.1 with one request per connection, without bodies, files or cookies.
+//! docs/adr/0009-live-in-a-browser.md explains why it uses no library and no WebSocket.
 
 mod request;
 
@@ -29,8 +28,8 @@ use shell_data::lock::lock;
 /// Maximum authorised connections; a page needs one, and briefly a second.
 const CONNECTIONS: usize = 16;
 
-/// Maximum connections that have not sent the token yet; the next replaces the oldest. A client
-/// with the token sends it at once, so others cannot lock it out.
+/// Maximum connections without the token so far; the next replaces the oldest. A client with the
+/// token sends it at once, so others cannot lock it out.
 const STRANGERS: usize = 32;
 
 const ORDERS: usize = 64;
@@ -46,7 +45,6 @@ const GOODBYE: Duration = Duration::from_millis(500);
 
 const STACK: usize = 256 * 1024;
 
-/// A document without secrets, for programs that do not know the token.
 #[derive(Clone)]
 pub struct OpenDocument {
     /// `/name`.
@@ -91,7 +89,6 @@ struct ServerShared {
 
 #[derive(Debug, Default)]
 struct ServerState {
-    /// The newest event in wire format, and its number.
     event: Arc<str>,
     number: u64,
     /// Connections without the token, oldest first; their threads own them.
@@ -101,7 +98,6 @@ struct ServerState {
 }
 
 impl Server {
-    /// Listens at an address; port 0 selects a free port.
     pub fn start(at: SocketAddr, site: Site) -> io::Result<Self> {
         let listener = TcpListener::bind(at)?;
         let address = listener.local_addr()?;
@@ -170,12 +166,10 @@ impl ServerShared {
         if strangers.len() >= STRANGERS
             && let Some(oldest) = strangers.pop_front().and_then(|oldest| oldest.upgrade())
         {
-            // An error means that it is closed already.
             let _ = oldest.shutdown(Shutdown::Both);
         }
         strangers.push_back(Arc::downgrade(&stream));
         let serve = move || {
-            // An error usually means that the browser has gone.
             let _ = shared.serve(&stream);
         };
         // Without a thread the connection is closed, and the browser tries again.
@@ -406,7 +400,6 @@ mod tests {
         }
     }
 
-    /// Each silent connection would block a place for [`PATIENCE`].
     #[test]
     fn a_silent_client_does_not_block_others() {
         let server = server();
@@ -451,7 +444,6 @@ mod tests {
         }
     }
 
-    /// Waiting for a listener that reads nothing would take ten times [`PATIENCE`].
     #[test]
     fn a_client_that_does_not_read_is_dropped_and_delays_no_other() {
         let server = server();

@@ -94,9 +94,8 @@ pub(super) fn is_same(given: &str, secret: &str) -> bool {
     given.len() == secret.len() && difference == 0
 }
 
-/// Returns true for a `Host` that no other site can have: an address, or `localhost`.
-///
-/// Another site may let its name point here ("DNS rebinding"), but the browser sends it as `Host`.
+/// Returns true for a `Host` that no other site can have: an address, or `localhost`. Another site
+/// may let its name point here ("DNS rebinding"), but the browser sends it as `Host`.
 pub(super) fn is_host_ours(host: &str) -> bool {
     let bare = host.strip_prefix('[').and_then(|rest| rest.strip_suffix(']'));
     let (name, port) = host.split_once(':').unwrap_or((host, "0"));

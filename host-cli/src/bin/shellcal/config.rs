@@ -1,7 +1,5 @@
-//! Settings that belong to a set of data: `shellcal.toml` in the same directory, or the file of `--config`.
-//!
-//! Each key is the long name of an option. It sets that option in every command that has it, unless the
-//! command line sets it.
+//! Settings that belong to a set of data: `shellcal.toml` in the same directory, or the file of `--config`. Each key
+//! is the long name of an option. It sets that option in every command that has it, unless the command line sets it.
 
 use std::collections::BTreeMap;
 use std::ffi::OsString;
@@ -15,7 +13,6 @@ use toml::{Spanned, Value};
 use crate::files::{InputPath, innermost, read_text};
 use crate::printer::{GLOBAL, Printer};
 
-/// Name of the settings file in the directory of the data.
 const FILE: &str = "shellcal.toml";
 
 /// Source of the settings.
@@ -60,20 +57,14 @@ const ALTERNATIVES: [&[&str]; 2] = [&["tare", "tare-time", "no-tare"], &["lowpas
 /// The settings of a file, by key: the line, and the option as it would be written on a command line.
 type Settings = BTreeMap<String, (usize, OsString)>;
 
-/// The command line with the settings of its data added.
 #[derive(Debug)]
 pub(crate) struct Configured {
     pub(crate) matches: ArgMatches,
-    /// The file that provided settings, if any.
     pub(crate) file: Option<PathBuf>,
-    /// The settings that were taken from it, with their lines.
     lines: BTreeMap<&'static str, usize>,
 }
 
-/// Adds the settings of a file to the command line.
-///
-/// # Errors
-/// A file that cannot be read, or an invalid key or value.
+/// Adds the settings of a file to the command line. Fails on a file that cannot be read, or an invalid key or value.
 pub(crate) fn configure(
     mut arguments: Vec<OsString>,
     command: &mut Command,
@@ -131,7 +122,6 @@ impl Configured {
     }
 }
 
-/// The keys that are options of a command, in order.
 fn options_of_keys(command: &Command) -> impl Iterator<Item = (&'static str, &Arg)> {
     let keys =
         KEYS.into_iter().flat_map(|(heading, keys)| keys.iter().map(move |key| (heading, *key)));
@@ -149,7 +139,6 @@ fn is_on_command_line(matches: &ArgMatches, option: &Arg) -> bool {
     matches.value_source(option.get_id().as_str()) == Some(ValueSource::CommandLine)
 }
 
-/// The settings file in the directory of the data that a command reads.
 fn beside_data(command: &Command, matches: &ArgMatches) -> anyhow::Result<Option<PathBuf>> {
     let (of_command, given) = innermost(command, matches);
     let mut found: Vec<PathBuf> = Vec::new();
@@ -172,7 +161,6 @@ fn beside_data(command: &Command, matches: &ArgMatches) -> anyhow::Result<Option
     }
 }
 
-/// Reads the settings of a file.
 fn read(path: &Path) -> anyhow::Result<Settings> {
     let text = read_text(path)?;
     let line_of = |at: usize| 1 + text.get(..at).unwrap_or_default().matches('\n').count();
@@ -213,7 +201,6 @@ fn read(path: &Path) -> anyhow::Result<Settings> {
     Ok(settings)
 }
 
-/// A value as written on a command line.
 fn plain(value: &Value) -> Option<String> {
     match value {
         Value::String(text) => Some(text.clone()),

@@ -1,10 +1,8 @@
 //! Documents in JSON. Their fields are listed only once: where they are filled in.
 
-/// A value that is written as a JSON object with these fields, in order.
-///
-/// `name?: value` takes an `Option` and omits the field if it is `None`; `..name: value` inserts the fields
-/// of another document; `name` alone is filled with the variable of that name, and `of.{a, b}` is short for
-/// the fields `a: of.a, b: of.b`.
+/// Builds a value that is written as a JSON object with these fields, in order. `name?: value` takes an `Option`
+/// and omits the field if it is `None`; `..name: value` inserts the fields of another document; `name` alone is
+/// filled with the variable of that name, and `of.{a, b}` is short for the fields `a: of.a, b: of.b`.
 macro_rules! document {
     ($($fields:tt)+) => { document_of!([] [] [] $($fields)+) };
 }

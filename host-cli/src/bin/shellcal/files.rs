@@ -1,7 +1,5 @@
-//! Files on the command line.
-//!
-//! The type of an argument states its role. Before a command runs, all paths are collected by role, and no
-//! output may be an input or another output; no command has to check this itself.
+//! Files on the command line. The type of an argument states its role. Before a command runs, all paths are
+//! collected by role, and no output may be an input or another output; no command has to check this itself.
 
 use std::ffi::OsString;
 use std::ops::Deref;
@@ -43,8 +41,7 @@ macro_rules! path {
         }
 
         impl Serialize for $name {
-            /// JSON cannot represent file names that are not Unicode: invalid parts become replacement
-            /// characters.
+            /// JSON cannot represent file names that are not Unicode: invalid parts become replacement characters.
             fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
                 serializer.serialize_str(&self.0.to_string_lossy())
             }
@@ -60,22 +57,18 @@ macro_rules! path {
 
 path!(InputPath, OutputPath, OutputLocation);
 
-/// True if a name stands for the standard input or output.
 pub(crate) fn is_standard(path: &Path) -> bool {
     path.as_os_str() == "-"
 }
 
-/// Creates a directory, unless it exists.
 pub(crate) fn create_folder(path: &Path) -> anyhow::Result<()> {
     std::fs::create_dir_all(path).with_context(|| format!("cannot create `{}`", path.display()))
 }
 
-/// Reads the text of a file.
 pub(crate) fn read_text(path: &Path) -> anyhow::Result<String> {
     input::read_text(path).with_context(|| format!("cannot read `{}`", path.display()))
 }
 
-/// The selected subcommand and its arguments.
 pub(crate) fn innermost<'a>(
     mut command: &'a clap::Command,
     mut matches: &'a ArgMatches,
@@ -87,10 +80,8 @@ pub(crate) fn innermost<'a>(
     (command, matches)
 }
 
-/// Registers all files of the command line in `outputs`.
-///
-/// # Errors
-/// [`OutputError`] if an output is an input or another output.
+/// Registers all files of the command line in `outputs`. Fails with [`OutputError`] if an output is an input or
+/// another output.
 pub(crate) fn collect(mut matches: &ArgMatches, outputs: &Outputs) -> Result<(), OutputError> {
     loop {
         let mut inputs = values::<InputPath>(matches).filter(|path| !is_standard(path));
@@ -134,7 +125,6 @@ pub(crate) fn misplaced_value(
     })
 }
 
-/// All values of a type among the arguments of one command.
 fn values<T: Clone + Send + Sync + 'static>(matches: &ArgMatches) -> impl Iterator<Item = &T> {
     let of_argument = |id: &clap::Id| matches.try_get_many::<T>(id.as_str()).ok().flatten();
     matches.ids().filter_map(of_argument).flatten()

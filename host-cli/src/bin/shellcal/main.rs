@@ -37,8 +37,7 @@ struct Args {
     command: cmd::Command,
 }
 
-/// Colour choice for help and for errors of the command line, which are printed while it is still being
-/// parsed.
+/// Colour choice for help and for errors of the command line, which are printed while it is still being parsed.
 fn color_of(arguments: impl Iterator<Item = OsString>) -> ColorChoice {
     let arguments: Vec<OsString> = arguments.take_while(|argument| argument != "--").collect();
     let value = |at: usize| match arguments[at].to_str()?.strip_prefix("--color")? {
@@ -52,7 +51,6 @@ fn color_of(arguments: impl Iterator<Item = OsString>) -> ColorChoice {
     }
 }
 
-/// Text for a call without arguments.
 const GREETING: &str = "\
 From recordings of an optical force/torque shell to forces and moments:
 
@@ -118,7 +116,6 @@ fn refuse(error: &clap::Error) -> ! {
     }
 }
 
-/// Runs a command with the settings of its data.
 fn run(
     command: &mut clap::Command,
     config: &config::ConfigArgs,

@@ -22,7 +22,6 @@ const SCRIPTS: [(Shell, &str); 5] = [
     (Shell::Elvish, "shellcal.elv"),
 ];
 
-/// The completion script for a shell.
 fn completions(shell: Shell) -> String {
     let mut command = Args::command();
     command.build();
@@ -46,7 +45,6 @@ fn with_hints(command: clap::Command) -> clap::Command {
     command.mut_args(hint).mut_subcommands(with_hints)
 }
 
-/// Writes the pages of a command and its subcommands; returns their number.
 fn write_pages(folder: &Path, command: clap::Command) -> usize {
     let is_page = |command: &&clap::Command| !command.is_hide_set() && command.get_name() != "help";
     let subcommands: Vec<_> = command.get_subcommands().filter(is_page).cloned().collect();
@@ -57,14 +55,12 @@ fn write_pages(folder: &Path, command: clap::Command) -> usize {
     1 + subcommands.into_iter().map(|command| write_pages(folder, command)).sum::<usize>()
 }
 
-/// Writes a file, and creates its directory if necessary.
 fn write(path: &Path, bytes: &[u8]) {
     fs::create_dir_all(path.parent().unwrap()).unwrap();
     fs::write(path, bytes).unwrap();
 }
 
-/// Completions by bash of the last word of a command line. `compopt` works only at a prompt, so it is
-/// stubbed.
+/// Completions by bash of the last word of a command line. `compopt` works only at a prompt, so it is stubbed.
 fn completed_by_bash(script: &Path, line: &[&str]) -> Vec<String> {
     let words: Vec<String> = line.iter().map(|word| format!("'{word}'")).collect();
     let ask = format!(

@@ -29,13 +29,11 @@ use crate::tables::{self, TableForm};
 #[must_use]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Outcome {
-    /// Done.
     Done = 0,
     /// The command ran, but a check that the user requested has failed.
     CheckFailed = 1,
 }
 
-/// For commands without checks.
 impl From<()> for Outcome {
     fn from((): ()) -> Self {
         Self::Done
@@ -73,13 +71,10 @@ pub(crate) struct OutputArgs {
     color: ColorChoice,
 }
 
-/// A column of a table: its name, and the function that formats a record.
 pub(crate) type TableColumn<'a, T> = (&'a str, &'a dyn Fn(&T) -> String);
 
-/// Interval of progress updates.
 const REDRAWN: Duration = Duration::from_millis(200);
 
-/// Output of a command's results and remarks.
 #[derive(Clone, Debug)]
 pub(crate) struct Printer {
     options: OutputArgs,
@@ -87,9 +82,7 @@ pub(crate) struct Printer {
     has_table: Arc<AtomicBool>,
     /// The first error of the standard output, if any.
     printed: Arc<Mutex<io::Result<()>>>,
-    /// True if a check has failed.
     has_failed: Arc<AtomicBool>,
-    /// The files that the command reads and writes.
     pub(crate) files: Arc<Outputs>,
 }
 
@@ -100,7 +93,6 @@ impl Printer {
         Self { options, has_table, printed, has_failed, files: Arc::default() }
     }
 
-    /// True if the user requested one JSON document instead of tables.
     pub(crate) fn json(&self) -> bool {
         self.options.json
     }
@@ -115,7 +107,6 @@ impl Printer {
         }
     }
 
-    /// True if the standard output is coloured.
     pub(crate) fn is_colored(&self) -> bool {
         self.is_painted(console::colors_enabled())
     }
@@ -126,7 +117,6 @@ impl Printer {
         self.decide(gate.passes())
     }
 
-    /// Decides the outcome of the command.
     pub(crate) fn decide(&self, passes: bool) -> Outcome {
         self.has_failed.store(!passes, Ordering::Relaxed);
         self.decided()
@@ -160,7 +150,6 @@ impl Printer {
         self.printed()
     }
 
-    /// Creates an output file, if one is named.
     pub(crate) fn create(&self, path: Option<&OutputPath>) -> anyhow::Result<Option<AtomicFile>> {
         Ok(path.map(|path| self.files.create(path)).transpose()?)
     }
@@ -178,8 +167,7 @@ impl Printer {
         Ok(AtomicFile::stdout())
     }
 
-    /// Prints the content of a file verbatim, in one write; prints nothing once the standard output has
-    /// failed.
+    /// Prints the content of a file verbatim, in one write; prints nothing once the standard output has failed.
     pub(crate) fn print(&self, content: &str) {
         let mut printed = lock(&self.printed);
         if printed.is_ok() {
@@ -192,7 +180,6 @@ impl Printer {
         Ok(std::mem::replace(&mut *lock(&self.printed), Ok(()))?)
     }
 
-    /// Prints one line of a result for people.
     pub(crate) fn line(&self, text: impl AsRef<str>) {
         self.tinted("", None, text.as_ref())
     }
@@ -231,7 +218,6 @@ impl Printer {
         self.print(&text);
     }
 
-    /// Prints a table with a row for each record.
     pub(crate) fn records<T>(
         &self,
         columns: &[TableColumn<'_, T>],
@@ -249,7 +235,6 @@ impl Printer {
         }
     }
 
-    /// Prints notes and warnings.
     pub(crate) fn remarks(&self, remarks: impl IntoIterator<Item = Remark>) {
         for remark in remarks {
             match remark {
@@ -259,7 +244,6 @@ impl Printer {
         }
     }
 
-    /// True with `--verbose`.
     pub(crate) fn is_verbose(&self) -> bool {
         self.options.verbose
     }
@@ -281,7 +265,6 @@ impl Printer {
         self.talk("error: ", Some(Color::Red), text.as_ref());
     }
 
-    /// Reports why the command could not run.
     pub(crate) fn error(&self, error: &anyhow::Error) {
         self.talk("error: ", Some(Color::Red), &format!("{error:#}"));
         if let Some(hint) = for_error(error) {
@@ -307,7 +290,6 @@ impl Printer {
         work(ReadOptions { progress: Some(&progress), ..read })
     }
 
-    /// A progress bar over items.
     pub(crate) fn count(&self, label: &str, total: u64) -> ProgressBar {
         self.bar(label, total, "{msg} {wide_bar} {human_pos}/{human_len} {eta}")
     }
@@ -343,7 +325,6 @@ impl Printer {
     }
 }
 
-/// A word in bold and coloured.
 fn painted(word: &str, color: Option<Color>, is_on: bool) -> StyledObject<&str> {
     let style = color.map_or_else(Style::new, |color| Style::new().bold().fg(color));
     style.force_styling(is_on).apply_to(word)

@@ -1,14 +1,11 @@
-//! Handling of signals that end the program: Ctrl-C, TERM, HUP.
-//!
-//! A command that runs until it is stopped requests a flag. All others end as they would without this module,
-//! except that their temporary files are removed first.
+//! Handling of signals that end the program: Ctrl-C, TERM, HUP. A command that runs until it is stopped requests a
+//! flag. All others end as they would without this module, except that their temporary files are removed first.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Once, OnceLock};
 
 use anyhow::Context;
 
-/// The flag set by a signal, once a command has requested it.
 static STOP: OnceLock<Arc<AtomicBool>> = OnceLock::new();
 
 /// Starts listening. If this fails, the only harm is that temporary files may be left.
@@ -19,7 +16,6 @@ pub(crate) fn listen() {
     });
 }
 
-/// A flag that a signal sets, instead of ending the program.
 pub(crate) fn stop_flag() -> anyhow::Result<Arc<AtomicBool>> {
     let flag = Arc::clone(STOP.get_or_init(Arc::default));
     listen();
@@ -88,7 +84,6 @@ mod platform {
 mod platform {
     use std::io;
 
-    /// Exit code of a program ended by Ctrl-C.
     const ENDED: i32 = 130;
 
     /// Signals are never ignored here.

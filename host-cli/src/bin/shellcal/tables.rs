@@ -26,7 +26,6 @@ pub(crate) fn decimals(axis: Axis) -> usize {
     if axis.is_moment() { 6 } else { 4 }
 }
 
-/// The row of an axis: its name and unit, then its values.
 pub(crate) fn axis_row(axis: Axis, values: [f64; 3]) -> Vec<String> {
     number_row(format!("{} ({})", axis.name(), axis.unit()), values, decimals(axis))
 }
@@ -36,7 +35,6 @@ pub(crate) fn number_row(label: String, values: [f64; 3], decimals: usize) -> Ve
     [label].into_iter().chain(values.map(|value| fixed(value, decimals))).collect()
 }
 
-/// The lines of a table: the first column is a label, the others are numbers.
 pub(crate) fn lines(form: TableForm, header: &[&str], rows: &[Vec<String>]) -> Vec<String> {
     match form {
         TableForm::Text => text(header, rows),
@@ -67,8 +65,7 @@ fn text(header: &[&str], rows: &[Vec<String>]) -> Vec<String> {
     table.lines().map(|line| line.trim_end().to_owned()).collect()
 }
 
-/// Header and rows, each cell formatted by `cell`. Short rows are filled with empty cells, as in the text
-/// form.
+/// Header and rows, each cell formatted by `cell`. Short rows are filled with empty cells, as in the text form.
 fn whole(
     header: &[&str],
     rows: &[Vec<String>],
@@ -87,15 +84,12 @@ pub(crate) fn counted(count: usize, what: &str) -> String {
     format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 
-/// Content of a cell without a value.
 pub(crate) const NOTHING: &str = "–";
 
-/// A number, or a dash for `None`.
 pub(crate) fn or_dash(value: Option<f64>, decimals: usize) -> String {
     shown(value, |value| format!("{value:.decimals$}"))
 }
 
-/// The `text` of a value, or a dash for `None`.
 pub(crate) fn shown<T>(value: Option<T>, text: impl FnOnce(T) -> String) -> String {
     value.map_or_else(|| NOTHING.to_owned(), text)
 }

@@ -19,7 +19,6 @@ const DETAILS_TOPIC: &str = "/wrench/details";
 /// Number of rows per part of a table that has parts.
 const PART_ROWS: usize = 1 << 16;
 
-/// Encodes frames, on any thread.
 pub(super) struct Encoder<'a> {
     pub(super) table: WrenchTable,
     pub(super) format: &'a OutputFormat,
@@ -105,7 +104,6 @@ fn nanoseconds(time_s: f64) -> Option<u64> {
     Some(exact.unwrap_or((time_s * 1e9).round() as u64).max(1))
 }
 
-/// The output of encoded frames, in order.
 pub(super) enum EncodedOutput<'a> {
     Text(&'a mut dyn Write),
     /// The writer, and the rows that are still to be written.
@@ -121,7 +119,6 @@ type Columns = Vec<(String, Cells<'static>)>;
 type WriteWhole = fn(&mut dyn Write, &[(String, Cells<'_>)]) -> io::Result<()>;
 
 impl<'a> EncodedOutput<'a> {
-    /// Writes the part before the first frame.
     pub(super) fn new(encoder: &Encoder<'_>, out: &'a mut dyn Write) -> io::Result<Self> {
         let column = |(name, is_text)| match is_text {
             true => (name, Cells::Text(Cow::default())),
@@ -177,7 +174,6 @@ impl<'a> EncodedOutput<'a> {
         }
     }
 
-    /// Writes the remaining rows and the end of the file.
     pub(super) fn finish(self) -> io::Result<()> {
         match self {
             Self::Text(_) => Ok(()),
@@ -206,7 +202,6 @@ fn transform(frame: &RecordingFrame, time_ns: u64) -> McapChunk {
     chunk
 }
 
-/// Appends the following rows to a column of the same kind.
 fn append(column: &mut Cells<'static>, next: Cells<'static>) {
     match (column, next) {
         (Cells::Full(column), Cells::Full(next)) => column.to_mut().extend(next.iter()),

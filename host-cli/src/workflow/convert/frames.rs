@@ -16,11 +16,8 @@ pub(super) struct ConvertedFrames {
     pub(super) time_s: Vec<f64>,
     pub(super) wrench: PerAxis<Vec<f64>>,
     pub(super) standard_errors: PerAxis<Vec<f64>>,
-    /// One column for each channel.
     pub(super) readings: Vec<Vec<f64>>,
-    /// The log's numeric columns that are carried along.
     pub(super) kept: Vec<Vec<f64>>,
-    /// The log's text columns that are carried along.
     pub(super) texts: Vec<Vec<String>>,
     /// Three kinds of flags for the channels of a frame: outside the range of the training data; at an end of
     /// the converter's range or on a plateau of their curve; left out by the model (empty if it leaves none
@@ -28,7 +25,6 @@ pub(super) struct ConvertedFrames {
     pub(super) flags: [Vec<u64>; 4],
 }
 
-/// Consecutive rows of a log, and the frames to be written.
 #[derive(Debug, Default)]
 pub(super) struct ConvertedRows {
     pub(super) time_s: Vec<f64>,
@@ -37,7 +33,6 @@ pub(super) struct ConvertedRows {
     pub(super) written: Vec<bool>,
     /// The frames to be written, without wrenches if they are still to be filtered.
     pub(super) frames: ConvertedFrames,
-    /// Number of rows whose load is not known.
     pub(super) without_motion: u64,
     /// Times (s) and readings of the fresh frames in which the zero is watched, if it is.
     pub(super) watched: Option<WatchedFrames>,
@@ -72,7 +67,6 @@ impl FrameConverter<'_> {
         }
     }
 
-    /// Converts the selected rows.
     fn convert_used(&self, block: &mut Block) -> ConvertedRows {
         // If all rows are used, duplicates of the previous frame may still have to be skipped for the zero.
         let is_fresh = (self.options.rows == RowFilter::All && self.watch == Some(false))
@@ -112,8 +106,7 @@ impl FrameConverter<'_> {
         ConvertedRows { time_s, wrench, written, frames, without_motion, watched }
     }
 
-    /// The rows of a block in which the zero is watched, if it is: those for which `is_fresh` is true, or
-    /// all.
+    /// The rows of a block in which the zero is watched, if it is: those for which `is_fresh` is true, or all.
     fn watched(&self, block: &Block, is_fresh: Option<&[bool]>) -> Option<WatchedFrames> {
         self.watch?;
         let fresh = is_fresh.map(|fresh| block.kept(fresh));
@@ -140,7 +133,6 @@ impl FrameConverter<'_> {
         times
     }
 
-    /// The frames without their wrenches.
     fn frames(&self, block: &mut Block) -> ConvertedFrames {
         let Self { calibration, pipeline, options, .. } = self;
         let repeated = |(text, rows): &(String, usize)| std::iter::repeat_n(text.clone(), *rows);

@@ -44,10 +44,8 @@ use shell_data::wrench::{Axis, PerAxis};
 use table::{ROW_COLUMN, TIME_COLUMN, WrenchTable};
 use writer::Writer;
 
-/// Half-width of an interval of this level, in standard errors.
-///
-/// # Errors
-/// [`WorkflowError::NoCovariance`] or [`WorkflowError::NoIntervals`].
+/// Half-width of an interval of this level, in standard errors. Fails with [`WorkflowError::NoCovariance`] or
+/// [`WorkflowError::NoIntervals`].
 pub fn interval_factors(
     calibration: &Calibration,
     level: f64,
@@ -64,9 +62,7 @@ pub fn interval_factors(
     }
 }
 
-/// Converts a log and writes the result to `out` according to `plan`; `trace` also receives the wrench.
-///
-/// # Errors
+/// Converts a log and writes the result to `out` according to `plan`; `trace` also receives the wrench. Fails with
 /// [`WorkflowError`]; the output up to then is not usable.
 pub fn convert(
     conversion: &Conversion<'_>,
@@ -209,7 +205,6 @@ pub fn convert(
     })
 }
 
-/// The correction for the lag of the reference.
 fn clock(
     calibration: &Calibration,
     made_up_for: Option<ReferenceLag>,

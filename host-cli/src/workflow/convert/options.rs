@@ -14,20 +14,16 @@ use log_file::{Log, ReadOptions};
 use shell_data::Converter;
 use shell_data::wrench::Axes;
 
-/// Processing of the readings of a log.
 #[derive(Clone, Debug)]
 pub struct ConvertOptions {
     pub rows: RowFilter,
-    /// How readings become forces.
     pub forces: ForceOptions,
     /// The load that the sensor carries, subtracted before tare and low-pass.
     pub load: Option<CarriedLoad>,
     /// Changes of the frame of reference, applied in order.
     pub frame: Vec<FrameChange>,
-    /// The columns written for every frame.
     pub columns: TableColumns,
-    /// The ends of the converter's range, at which a reading is saturated. `None` to leave saturation
-    /// unflagged.
+    /// The ends of the converter's range, at which a reading is saturated. `None` to leave saturation unflagged.
     pub converter: Option<Converter>,
 }
 
@@ -61,13 +57,10 @@ fn is_by_row(lag: ReferenceLag) -> bool {
     lag.time_base == TimeBase::Rows
 }
 
-/// A log, and everything needed to convert it to wrenches.
 #[derive(Clone, Copy)]
 pub struct Conversion<'a> {
     pub log: &'a Log,
-    /// Calibration of the log's sensor.
     pub calibration: &'a Calibration,
-    /// The processing.
     pub options: &'a ConvertOptions,
     pub read: ReadOptions<'a>,
 }
@@ -109,19 +102,15 @@ pub enum OutputFormat {
     Mcap(RecordingFrame),
 }
 
-/// The frame of reference of the wrenches.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RecordingFrame {
-    /// Name of the frame.
     pub id: String,
     /// The frame that it is fixed to, if it is to be written.
     pub mount: Option<FrameMount>,
 }
 
-/// Position and orientation of a frame of reference in another.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameMount {
-    /// Name of the other frame.
     pub parent: String,
     /// Position x, y, z, m.
     pub position_m: [f64; 3],
@@ -129,7 +118,6 @@ pub struct FrameMount {
     pub angles_rad: [f64; 3],
 }
 
-/// Error for text that is not a valid mount.
 const BAD_MOUNT: &str = "expected `NAME` or `NAME:X,Y,Z,ROLL,PITCH,YAW` in m and rad";
 
 impl Default for RecordingFrame {
@@ -168,7 +156,6 @@ impl FromStr for FrameMount {
     }
 }
 
-/// The output besides wrenches, and its format.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct OutputPlan {
     pub format: OutputFormat,
@@ -178,13 +165,10 @@ pub struct OutputPlan {
     pub keep_texts: Vec<usize>,
 }
 
-/// The default name of the frame of reference.
 pub const DEFAULT_FRAME_ID: &str = "shell";
 
 impl OutputFormat {
-    /// Derives the format from the name of a file; devices and pipes, which have no extension, get CSV.
-    ///
-    /// # Errors
+    /// Derives the format from the name of a file; devices and pipes, which have no extension, get CSV. Fails with
     /// [`WorkflowError::Refused`].
     pub fn from_path(path: &Path, frame: &RecordingFrame) -> Result<Self, WorkflowError> {
         let extension = path.extension().map(|it| it.to_string_lossy().to_lowercase());

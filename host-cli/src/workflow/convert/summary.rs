@@ -21,7 +21,6 @@ pub struct ConvertSummary {
     pub rows: u64,
     /// Duplicates: rows whose readings equal the previous row's.
     pub repeated_rows: u64,
-    /// Invalid rows that were left out.
     pub skipped_rows: u64,
     pub frames: u64,
     pub rows_used: RowFilter,
@@ -124,16 +123,13 @@ impl ConvertSummary {
     }
 }
 
-/// The lag of a calibration's reference, and its correction in the forces.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct LagMadeUp {
     #[serde(flatten)]
     pub lag: ReferenceLag,
-    /// The correction.
     pub how: LagRule,
 }
 
-/// Kinds of correction for the lag of the reference.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LagRule {
@@ -175,7 +171,6 @@ fn short(time_s: f64) -> f64 {
     (time_s * 1e6).round() / 1e6
 }
 
-/// The remainder after a load was subtracted.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct LoadSummary {
     /// True if inertia was subtracted, too.
@@ -204,18 +199,14 @@ fn is_zero(count: &u64) -> bool {
 /// Values of one axis over all frames, N or N·m.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct AxisSummary {
-    /// The smallest.
     pub min: f64,
     pub mean: f64,
-    /// The largest.
     pub max: f64,
 }
 
-/// Counts and extremes over all frames.
 #[derive(Default)]
 pub(super) struct Totals {
     pub(super) frames: u64,
-    /// Number of frames with flags of each kind.
     pub(super) flagged: [u64; 4],
     pub(super) axes: PerAxis<Option<(f64, f64, f64)>>,
     /// `Some` if a load was subtracted.

@@ -17,13 +17,10 @@ pub(super) struct WrenchTable {
     /// The names of the text columns: those carried along, and the flags.
     texts: Vec<String>,
     has_flags: bool,
-    /// The names of the readings, from the log.
     pub(super) readings: Vec<String>,
-    /// The names of the channels in flags.
     channels: Vec<String>,
 }
 
-/// Content of a numeric column.
 #[derive(Clone, Copy)]
 enum NumberColumn {
     Time,
@@ -31,13 +28,12 @@ enum NumberColumn {
     StandardError(Axis),
     /// The wrench plus this number of standard errors.
     Bound(Axis, f64),
-    /// A kept column of the log.
     Kept(usize),
 }
 
 impl WrenchTable {
-    /// `stamp` is the name of the column of time. `factors` are the half-widths of the interval in standard errors, if one is written. `kept` are the
-    /// log's numeric and text columns that are carried along, `readings` the names of the readings.
+    /// `stamp` names the time column, `factors` are half-widths of the interval in standard errors, if one is
+    /// written, `kept` the log's numeric and text columns carried along, `readings` the names of the readings.
     pub(super) fn new(
         (columns, stamp): (TableColumns, &str),
         factors: PerAxis<f64>,
@@ -83,7 +79,6 @@ impl WrenchTable {
         fields.join(",") + "\n"
     }
 
-    /// The numeric columns.
     pub(super) fn numbers<'a>(&self, frames: &'a ConvertedFrames) -> Vec<Cow<'a, [f64]>> {
         let values = |(_, column): &(String, NumberColumn)| match *column {
             NumberColumn::Time => Cow::from(&frames.time_s),
@@ -147,7 +142,6 @@ impl WrenchTable {
             if self.has_flags {
                 self.write_flags(frames, row, text);
             } else if !columns.is_empty() || !frames.texts.is_empty() {
-                // No comma after the last field.
                 text.pop();
             }
             text.push(b'\n');

@@ -16,7 +16,6 @@ use shell_data::wrench::{Axes, Axis, PerAxis};
 /// A time step back by more than this means that the clock was set back; a smaller one is a late frame, s.
 const LATE_S: f64 = 1.0;
 
-/// Writes frames in order, as soon as their forces are known.
 pub(super) struct Writer<'a> {
     pub(super) path: &'a Path,
     pub(super) encoder: &'a Encoder<'a>,
@@ -124,7 +123,6 @@ impl Writer<'_> {
         Ok(())
     }
 
-    /// Writes the waiting frames.
     pub(super) fn finish(mut self) -> Result<(Totals, Option<Rate>), WorkflowError> {
         let answers = self.stream.finish().map_err(|error| self.unfiltered(error))?;
         self.write_answers(&answers)?;

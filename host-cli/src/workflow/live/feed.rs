@@ -15,31 +15,24 @@ const WAITING: usize = 32_768;
 #[derive(Clone, Debug, Default)]
 pub struct Feed(Arc<Mutex<FeedState>>);
 
-/// Data that was passed and not processed yet.
 #[derive(Debug, Default)]
 pub struct FeedState {
-    /// Frames that wait to be displayed.
     pub frames: VecDeque<BoardFrame>,
     /// The newest wrench of the reference, N and N·m.
     pub reference: Option<PerAxis<f64>>,
     /// Number of frames that were never displayed because the queue was full.
     pub left_out: u64,
-    /// Progress of the recording.
     pub progress: Option<RecordingProgress>,
-    /// Commands for the log.
     pub commands: VecDeque<RecordCommand>,
-    /// True while playback of a log is paused.
     pub is_held: bool,
 }
 
 impl Feed {
-    /// Locks the state for this thread.
     pub fn state(&self) -> MutexGuard<'_, FeedState> {
         // A thread that panicked has left the state whole: no operation here can fail half-way.
         lock(&self.0)
     }
 
-    /// Adds a command for the log.
     pub fn ask(&self, command: RecordCommand) {
         self.state().commands.push_back(command);
     }

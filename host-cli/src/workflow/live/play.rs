@@ -20,12 +20,9 @@ const LONGEST: Duration = Duration::from_secs(1);
 /// A longer step between two rows is skipped instead of waited for, s of the log.
 const JUMP_S: f64 = 1.0;
 
-/// Plays a log at `speed` times its own pace, until its end or until `stop` is set. Hands its frames to `see`
-/// when they are due, and pauses while `is_held`. If the log has readings and a wrench, it plays the readings
-/// if `readings` is set.
-///
-/// # Errors
-/// [`WorkflowError`] if the log cannot be read, or has neither eight channels nor a wrench.
+/// Plays a log at `speed` times its own pace, until its end or until `stop` is set. Hands its frames to `see` when
+/// they are due, and pauses while `is_held`. If the log has readings and a wrench, it plays the readings if
+/// `readings` is set. Fails if the log cannot be read, or has neither eight channels nor a wrench.
 pub fn play(
     log: &Log,
     read: &ReadOptions<'_>,
@@ -66,7 +63,6 @@ pub fn play(
     Ok(passed(log.read(&wanted, read, std::mem::take, play))?)
 }
 
-/// A row as a frame with this index.
 fn frame(block: &Block, row: usize, index: i64) -> BoardFrame {
     let measured = match block.readings.is_empty() {
         false => Measured::Readings(std::array::from_fn(|c| block.readings[c][row])),
@@ -91,9 +87,7 @@ pub(in crate::workflow) fn saturated(readings: &[f64; CHANNELS]) -> u8 {
 #[derive(Debug)]
 struct PlayClock {
     speed: f64,
-    /// An instant, and the time of the log at it.
     set: Option<(Instant, f64)>,
-    /// Time of the last due row.
     last_s: Option<f64>,
 }
 

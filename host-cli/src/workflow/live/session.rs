@@ -16,31 +16,21 @@ use super::Feed;
 /// Time between two pictures: thirty a second.
 pub const PERIOD: Duration = Duration::from_micros(33_333);
 
-/// An action of the user.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LiveAction {
     /// Takes the current values as the zero of the display.
     Tare,
-    /// Removes that zero.
     Untare,
-    /// Pauses or resumes the display.
     Pause,
-    /// Shows a shorter time span.
     ZoomIn,
-    /// Shows a longer time span.
     ZoomOut,
-    /// Marks the newest row.
     Mark,
-    /// Begins or ends a log.
     Record,
-    /// Skips to the next planned load.
     Skip,
-    /// Goes back to the previous planned load.
     Back,
 }
 
 impl LiveAction {
-    /// All actions, by their names in the web page.
     pub const NAMED: [(&str, Self); 9] = [
         ("tare", Self::Tare),
         ("untare", Self::Untare),
@@ -53,7 +43,6 @@ impl LiveAction {
         ("back", Self::Back),
     ];
 
-    /// The action with a name.
     pub fn named(name: &str) -> Option<Self> {
         Self::NAMED.into_iter().find_map(|(known, action)| (known == name).then_some(action))
     }
@@ -62,7 +51,6 @@ impl LiveAction {
 /// Creates the next log; its argument is the number of logs created so far.
 pub type LogMaker = Box<dyn Fn(usize) -> Result<Box<dyn LogSink>, OutputError>>;
 
-/// Logs of a view, one after the other.
 pub struct LogSeries {
     maker: LogMaker,
     written: Vec<String>,
@@ -70,15 +58,10 @@ pub struct LogSeries {
 }
 
 impl LogSeries {
-    /// A series without any log so far.
     pub fn new(maker: LogMaker) -> Self {
         Self { maker, written: Vec::new(), is_on: false }
     }
 
-    /// Creates the next log.
-    ///
-    /// # Errors
-    /// [`OutputError`] if it cannot be created.
     pub fn begin(&mut self) -> Result<Box<dyn LogSink>, OutputError> {
         let log = (self.maker)(self.written.len())?;
         self.written.push(log.path().display().to_string());
@@ -93,24 +76,17 @@ impl LogSeries {
 
 /// A live view and its source, with a guide through loads if there is one.
 pub struct LiveSession<G = Guide> {
-    /// The content of the display, as lines and numbers.
     pub model: LiveModel,
-    /// Guides through loads.
     pub guide: Option<G>,
     forces: Option<RunningForces>,
     feed: Feed,
     /// The logs that are written; `None` if recording is not possible.
     logs: Option<LogSeries>,
-    /// Name of the source.
     pub name: String,
     elapsed: Duration,
-    /// Number of frames so far.
     frames: u64,
-    /// Number of pictures drawn.
     pub pictures: u64,
-    /// True if the source has ended.
     is_over: bool,
-    /// Confirmation of the last action.
     pub message: String,
 }
 
@@ -140,7 +116,6 @@ impl<G: LoadGuide> LiveSession<G> {
         }
     }
 
-    /// All data that a web page needs to draw the view.
     pub fn shown(&mut self) -> Value {
         self.pictures += 1;
         json!({
@@ -154,12 +129,10 @@ impl<G: LoadGuide> LiveSession<G> {
         })
     }
 
-    /// The current view of the guide.
     pub fn guide(&self) -> Option<GuideView> {
         self.guide.as_ref().map(LoadGuide::view)
     }
 
-    /// Labels the recorded rows of a load that was held.
     fn label(&mut self, held: FrameLabel) {
         let group = &held.group;
         let is_recorded = self.recording().is_some();
@@ -175,11 +148,9 @@ impl<G: LoadGuide> LiveSession<G> {
         self.feed.ask(RecordCommand::Label(held));
     }
 
-    /// Takes the frames that arrived until `elapsed` after the start. Returns true if the view has to end
-    /// because its source is gone for good; after a played log, the last picture stays.
-    ///
-    /// # Errors
-    /// [`ForceError`] if the requested low-pass is impossible at the rate of the frames.
+    /// Takes the frames that arrived until `elapsed` after the start. Returns true if the view has to end because its
+    /// source is gone for good; after a played log, the last picture stays. Fails with [`ForceError`] if the
+    /// requested low-pass is impossible at the rate of the frames.
     pub fn advance(&mut self, elapsed: Duration, is_source_over: bool) -> Result<bool, ForceError> {
         let (frames, reference) = {
             let mut state = self.feed.state();
@@ -219,12 +190,10 @@ impl<G: LoadGuide> LiveSession<G> {
         Ok(rows)
     }
 
-    /// Name of the log that is being written.
     pub fn recording(&self) -> Option<&str> {
         self.logs.as_ref().and_then(LogSeries::current)
     }
 
-    /// Carries out an action of the user.
     pub fn obey(&mut self, action: LiveAction) {
         self.message = match action {
             LiveAction::Tare => {
@@ -293,7 +262,6 @@ impl<G: LoadGuide> LiveSession<G> {
         }
     }
 
-    /// The state of the session, in a line.
     pub fn state(&self) -> String {
         if self.logs.is_none() {
             return match self.is_over {
@@ -316,7 +284,6 @@ impl<G: LoadGuide> LiveSession<G> {
         }
     }
 
-    /// The final report.
     pub fn report(&self) -> Vec<String> {
         let Self { frames, pictures, elapsed, .. } = self;
         let seconds = elapsed.as_secs_f64();
@@ -367,7 +334,6 @@ pub fn guide_through(table: &HungLoads) -> Guide {
     Guide::new(table.loads().iter().zip(gains).map(guided).collect())
 }
 
-/// A time as hours, minutes and seconds.
 pub fn clock(time: Duration) -> String {
     let seconds = time.as_secs();
     format!("{:02}:{:02}:{:02}", seconds / 3600, seconds / 60 % 60, seconds % 60)

@@ -8,7 +8,6 @@ use log_file::{ColumnRef, Log, Wanted};
 const NAME_COLUMNS: &str = "name the columns with `--orientation` or `--accelerations`, in a run those of another log \
                             with `--motion`";
 
-/// Columns of orientation, acceleration and angular velocity, as named by the user.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MotionColumns {
     /// Columns of orientation. `None` for columns with usual names.
@@ -43,7 +42,6 @@ impl Default for MotionColumns {
 pub(super) struct FoundColumns {
     /// Candidates, in the order in which they are tried.
     orientations: Vec<(Orientation, Vec<usize>)>,
-    /// True if the user named them.
     is_named: bool,
     accelerations: Option<Vec<usize>>,
     angular_velocity: Option<Vec<usize>>,
@@ -215,13 +213,11 @@ impl FoundColumns {
     }
 }
 
-/// Vectors from the last three columns, row by row.
 fn vectors(columns: &[Vec<f64>], unit: f64) -> Option<Vec<Vector>> {
     let [x, y, z] = columns.last_chunk::<3>()?;
     Some(x.iter().zip(y).zip(z).map(|((x, y), z)| [*x, *y, *z].map(|v| unit * v)).collect())
 }
 
-/// Error for a log without the orientation of the sensor.
 pub(super) fn no_motion(log: &Log) -> WorkflowError {
     let message = format!(
         "`{}` has no columns of orientation (`gx gy gz` of gravity, `r11` … `r33`, `qx qy qz qw`, `rx ry rz`) or \

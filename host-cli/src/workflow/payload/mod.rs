@@ -42,9 +42,6 @@ const PLAUSIBLE: std::ops::Range<f64> = 0.4..2.5;
 /// Reads apparent gravity at the centre of a payload from a log: from accelerations if the payload knows
 /// their frame, otherwise from orientations, which contain no inertia. Angular velocity is read from its
 /// columns, or derived from orientations.
-///
-/// # Errors
-/// [`WorkflowError`].
 pub fn read_motion(
     log: &Log,
     columns: &MotionColumns,
@@ -144,9 +141,6 @@ fn unit_in_run(
 }
 
 /// The lag of a motion relative to a log of readings; `None` if it is not clear.
-///
-/// # Errors
-/// [`LogError`].
 pub fn find_motion_lag(
     log: &Log,
     calibration: &Calibration,

@@ -9,7 +9,6 @@ use shell_data::statistics::upper_median;
 /// Relative tolerance for an orientation to be valid: logs have few digits.
 const ROUGH: f64 = 0.02;
 
-/// Content of columns of orientation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Orientation {
     /// Gravity in the sensor's frame, in m/s² or multiples of g.
@@ -20,17 +19,14 @@ pub enum Orientation {
     LastRow,
     /// The rotation as a quaternion x y z w.
     Quaternion,
-    /// The rotation as a quaternion w x y z.
     QuaternionWxyz,
     /// The rotation as a vector along its axis, with the angle as its length, rad.
     RotationVector,
     /// The rotation as roll, pitch and yaw, rad.
     RollPitchYaw,
-    /// The rotation as roll, pitch and yaw, degrees.
     RollPitchYawDegrees,
 }
 
-/// The orientation of a sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Attitude {
     /// Gravity in the sensor's frame, m/s².

@@ -18,7 +18,6 @@ use shell_data::wrench::{Axes, PerAxis};
 pub struct FittedPayload {
     pub fit: PayloadFit,
     pub accelerometer: Option<Accelerometer>,
-    /// Source of the orientations.
     pub gravity_from: GravityFrom,
     /// True if accelerations at rest point along gravity instead of against it.
     pub is_reaction: bool,
@@ -33,7 +32,6 @@ pub struct FittedPayload {
     pub skipped_rows: u64,
 }
 
-/// Source of the orientations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum GravityFrom {
@@ -41,7 +39,6 @@ pub enum GravityFrom {
     Accelerations,
 }
 
-/// Mean of the rows of a pose.
 #[derive(Clone, Copy, Default)]
 struct Sum {
     rows: f64,
@@ -82,9 +79,6 @@ impl Sum {
 
 /// Fits the payload of a sensor to logs of poses at rest. A pose is the rows with one label of the group
 /// column, or each single row.
-///
-/// # Errors
-/// [`WorkflowError`].
 pub fn fit_payload(
     logs: &[Log],
     columns: &MotionColumns,

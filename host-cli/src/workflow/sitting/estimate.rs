@@ -17,28 +17,22 @@ use crate::workflow::hung_loads::{LoadCorrection, judged};
 /// of the range hardly changes it.
 const WORSE: f64 = 1.5;
 
-/// A model of the sensors, and its error on loads that were held out.
 #[derive(Clone, Debug)]
 pub struct Estimate {
-    /// The model.
     pub calibration: PhysicsCalibration,
     /// Root mean square error on held-out loads, N and N·m.
     pub error: PerAxis<f64>,
     /// Upper end of the 95 % interval of that error, N and N·m.
     pub upper: PerAxis<f64>,
-    /// Squared error on each load while it was held out, relative to the loads of each axis and added over the
-    /// axes.
+    /// Squared error on each load while it was held out, relative to the loads of each axis and added over the axes.
     squares: Vec<f64>,
     /// True for loads that the readings of all contradict.
     suspicious: Vec<bool>,
 }
 
 impl Estimate {
-    /// Fits the model to loads and their mean readings. Errors are against the loads as stated, except for
-    /// loads that the readings contradict.
-    ///
-    /// # Errors
-    /// [`FitError`] if the loads do not determine a model.
+    /// Fits the model to loads and their mean readings. Errors are against the loads as stated, except for loads that
+    /// the readings contradict. Fails with [`FitError`] if the loads do not determine a model.
     pub fn new(
         loads: &[HungLoad],
         readings: &[&[f64]],
@@ -109,7 +103,6 @@ impl Estimate {
     }
 }
 
-/// Rows as columns.
 fn columns(rows: impl Iterator<Item = impl AsRef<[f64]>>) -> Vec<Vec<f64>> {
     let mut columns = Vec::new();
     for row in rows {

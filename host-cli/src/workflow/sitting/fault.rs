@@ -18,11 +18,9 @@ const ONE_CHANNEL: f64 = 0.9;
 pub enum SittingFault {
     /// The channel stands still, while it scattered at other loads.
     Silent(usize),
-    /// The channel is at an end of the converter.
     Saturated(usize),
     /// The reading of one channel is not that of this load, and those of all others are.
     Channel {
-        /// The channel.
         channel: usize,
         /// Its reading, counts.
         reading: f64,
@@ -40,15 +38,12 @@ pub enum SittingFault {
     },
     /// The reference moved while the readings stood still: during a load, or between loads at rest.
     Reference {
-        /// The axis that is furthest off.
         axis: Axis,
-        /// Movement.
         by: f64,
     },
 }
 
 impl SittingFault {
-    /// Compares a load with the model of all loads before it.
     pub(super) fn of_load(
         before: &Estimate,
         stated: &PerAxis<f64>,

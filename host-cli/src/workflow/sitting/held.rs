@@ -20,10 +20,8 @@ const MOVED: f64 = 6.0;
 /// Movement of the reference below which it is not reported, as a share of the largest load of the axis.
 const LEAST_MOVED: f64 = 0.03;
 
-/// The rows of a load that was held still.
 #[derive(Clone, Debug, Default)]
 pub struct HeldLoad {
-    /// Readings by channel.
     readings: [Vec<f64>; CHANNELS],
     saturated: [usize; CHANNELS],
     /// Wrench of the reference by axis, N and N·m; empty without a reference.
@@ -31,7 +29,6 @@ pub struct HeldLoad {
 }
 
 impl HeldLoad {
-    /// Adds a row.
     pub fn push(&mut self, row: &LiveRow) {
         let Some(readings) = row.readings else { return };
         for (channel, reading) in readings.into_iter().enumerate() {
@@ -43,7 +40,6 @@ impl HeldLoad {
         }
     }
 
-    /// Returns the number of rows.
     pub fn rows(&self) -> usize {
         self.readings[0].len()
     }
@@ -80,7 +76,6 @@ impl HeldLoad {
         silent.or_else(saturated).or_else(|| self.moved(largest))
     }
 
-    /// Returns the movement of the reference during the load.
     fn moved(&self, largest: &PerAxis<f64>) -> Option<SittingFault> {
         let by = |axis: Axis| {
             let (first, second) = self.wrench[axis.index()].split_at(self.rows_of_wrench() / 2);

@@ -14,12 +14,9 @@ use crate::workflow::fit::FittedLogs;
 use crate::workflow::hung_loads::{HungReference, labelled_rows, wanted};
 use crate::workflow::live::saturated;
 
-/// Reads the loads of a table from logs, in the order of their first rows: the line, and the rows. With
-/// `measured`, rows have the wrench of the log.
-///
-/// # Errors
-/// [`WorkflowError`] if a log cannot be read or does not have eight channels, or its rows have no labels and
-/// are not still as often as there are loads.
+/// Reads the loads of a table from logs, in the order of their first rows: the line, and the rows. With `measured`,
+/// rows have the wrench of the log. Fails with [`WorkflowError`] if a log cannot be read or does not have eight
+/// channels, or its rows have no labels and are not still as often as there are loads.
 pub fn held_loads(
     logs: &[Log],
     table: &HungLoads,
@@ -61,9 +58,7 @@ pub fn held_loads(
     Ok(held)
 }
 
-/// Fits the calibration of a sitting to its logs and its table of loads, as `fit --loads` does.
-///
-/// # Errors
+/// Fits the calibration of a sitting to its logs and its table of loads, as `fit --loads` does. Fails with
 /// [`WorkflowError`] if the logs cannot be read, or the loads do not determine a model.
 pub fn fit_sitting(
     logs: &[Log],

@@ -16,7 +16,6 @@ use super::estimate::Estimate;
 use super::fault::SittingFault;
 use super::held::{HeldLoad, moved_at_rest};
 
-/// Label of the rows of the check weight.
 pub const CHECK: &str = "check";
 
 /// Name of the column of a table of recorded loads that has the label of the load in the table of the rig.
@@ -31,34 +30,25 @@ const MOST_AHEAD: usize = 60;
 /// Error limits that end the loads: of forces in N and of moments in N·m.
 pub type ErrorLimits = [Option<f64>; 2];
 
-/// The part of a sitting.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SittingStage {
-    /// Loads for the calibration.
     Loads,
-    /// A load that checks the calibration.
     Check,
-    /// The end.
     Over,
 }
 
-/// A recorded load.
 #[derive(Clone, Debug)]
 struct Take {
     /// Its line in the table of the rig.
     line: usize,
     /// The load as stated, or as measured by the reference, with the label of its rows.
     load: HungLoad,
-    /// Mean readings.
     readings: Vec<f64>,
-    /// The fault for which it is left out.
     fault: Option<SittingFault>,
 }
 
-/// A calibration in one sitting.
 #[derive(Debug)]
 pub struct Sitting {
-    /// The loads that the rig can do.
     rig: HungLoads,
     candidates: Vec<PerAxis<f64>>,
     /// Largest load of each axis.
@@ -82,7 +72,6 @@ pub struct Sitting {
     estimate: Option<Estimate>,
     errors: Vec<ErrorPoint>,
     stage: SittingStage,
-    /// The newest finding.
     finding: String,
 }
 
@@ -124,27 +113,22 @@ impl Sitting {
         sitting
     }
 
-    /// Returns the part of the sitting.
     pub fn stage(&self) -> SittingStage {
         self.stage
     }
 
-    /// Returns the number of loads that are used.
     pub fn used(&self) -> usize {
         self.used_takes().count()
     }
 
-    /// Returns the model so far.
     pub fn estimate(&self) -> Option<&Estimate> {
         self.estimate.as_ref()
     }
 
-    /// Returns the error on new poses after each load.
     pub fn errors(&self) -> &[ErrorPoint] {
         &self.errors
     }
 
-    /// Returns the newest finding: a fault, or the reason why the loads end.
     pub fn finding(&self) -> &str {
         &self.finding
     }
@@ -159,15 +143,12 @@ impl Sitting {
         self.csv(self.used_takes())
     }
 
-    /// Returns the table of the check weight, as CSV.
     pub fn check_table(&self) -> Option<String> {
         self.csv(self.check.iter())
     }
 
-    /// Returns the line of the rig's table that a line of [`table`](Self::table) was recorded for.
-    ///
-    /// # Errors
-    /// The label of a load that the rig does not have.
+    /// Returns the line of the rig's table that a line of [`table`](Self::table) was recorded for. Fails with the
+    /// label of a load that the rig does not have.
     pub fn lines_of(&self, recorded: &HungLoads) -> Result<Vec<usize>, String> {
         let own = || recorded.loads().iter().map(|load| load.group.clone()).collect();
         let labels: Vec<String> = recorded
@@ -182,9 +163,6 @@ impl Sitting {
 
     /// Takes a load that was recorded for a line of the rig's table. Returns the label of its rows, or the
     /// fault for which it has to be recorded again.
-    ///
-    /// # Errors
-    /// [`SittingFault`].
     pub fn record(&mut self, line: usize, held: &HeldLoad) -> Result<String, SittingFault> {
         if let Some(fault) = held.fault(&self.usual, &self.largest) {
             self.finding = format!("load `{}`: {fault}; hold it again", self.label(line));
@@ -211,7 +189,6 @@ impl Sitting {
         Ok(group)
     }
 
-    /// Takes back the newest load.
     pub fn undo(&mut self) {
         let Some(take) = self.takes.pop() else { return };
         self.stage = SittingStage::Loads;
@@ -271,7 +248,6 @@ impl Sitting {
         }
     }
 
-    /// Fits the model to the loads that are used.
     fn fitted(&self) -> Option<Estimate> {
         let loads: Vec<HungLoad> = self.used_takes().map(|take| take.load.clone()).collect();
         let readings: Vec<&[f64]> = self.used_takes().map(|take| &take.readings[..]).collect();
@@ -289,8 +265,7 @@ impl Sitting {
         self.errors.push(ErrorPoint { loads, error: largest(error), upper: largest(upper) });
     }
 
-    /// Uses loads again that were left out by a model of fewer loads and agree with this one.
-    /// Returns true if there are some.
+    /// Uses loads again that a model of fewer loads left out and that agree with this one; returns true if any.
     fn judge_again(&mut self) -> bool {
         let Some(estimate) = &self.estimate else { return false };
         let mut is_any_used = false;
@@ -426,8 +401,7 @@ impl Sitting {
         (!all.is_empty()).then(|| table.to_csv(&all, &[(RIG_COLUMN.to_owned(), of_rig)]))
     }
 
-    /// Compares the reference with itself at the first rest after the newest load, or at the rest before that
-    /// load.
+    /// Compares the reference with itself at the first rest after the newest load, or at the rest before that load.
     fn watch_reference(&mut self, rest: Rest) {
         let loads = self.takes.len();
         if let Some((known, before)) = &self.rest {

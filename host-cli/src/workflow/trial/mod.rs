@@ -10,37 +10,28 @@ use trial::{
     TrialResult, check_window, propose_window,
 };
 
-/// A log, and how to evaluate trials on it.
 #[derive(Clone, Copy)]
 pub struct TrialJob<'a> {
     pub log: &'a Log,
-    /// Robot and calibration.
     pub instrument: Instrument<'a>,
     pub options: TrialOptions,
     pub read: ReadOptions<'a>,
 }
 
-/// A trial, and the checksum of its log.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Evaluated {
     pub result: TrialResult,
-    /// The log's checksum, if requested.
     pub checksum: Option<String>,
 }
 
-/// The drag of a whole log, and the window found in it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WindowSearch {
     pub time_s: Vec<f64>,
     pub drag_n: Vec<f64>,
-    /// The window, or the reason why none is proposed.
     pub proposal: Result<Proposal, NoWindow>,
 }
 
-/// Evaluates a trial on its log.
-///
-/// # Errors
-/// [`WorkflowError`] if the log cannot be read or the trial cannot be evaluated on it.
+/// Evaluates a trial on its log. Fails if the log cannot be read or the trial cannot be evaluated on it.
 pub fn evaluate_log(job: &TrialJob<'_>, trial: &Trial) -> Result<Evaluated, WorkflowError> {
     let recorded = RecordedTrial::read(job, (trial.t_enter_s, trial.t_exit_s))?;
     // A fault of the window says more than a lack of rows in it.
@@ -57,11 +48,8 @@ pub fn evaluate_log(job: &TrialJob<'_>, trial: &Trial) -> Result<Evaluated, Work
     Ok(Evaluated { result, checksum: summary.checksum })
 }
 
-/// Evaluates a trial on its log between the entry and exit of `window_s`, on the log's clock; times that are
-/// not given are found in the drag, and the diagnostics say so.
-///
-/// # Errors
-/// [`WorkflowError`] if the log cannot be read, gives no window, or the trial cannot be evaluated on it.
+/// Evaluates a trial on its log between the entry and exit of `window_s`, on the log's clock; times that are not
+/// given are found in the drag, and the diagnostics say so. Fails if there is no window.
 pub fn evaluate_in_window(
     job: &TrialJob<'_>,
     trial: Trial,
@@ -82,11 +70,8 @@ pub fn evaluate_in_window(
     Ok(evaluated)
 }
 
-/// Finds entry and exit in the drag of a whole log, filtered without delay regardless of the options: a
-/// filter with a delay would make the window late.
-///
-/// # Errors
-/// [`WorkflowError`] if the log cannot be evaluated, or gives no forces.
+/// Finds entry and exit in the drag of a whole log, filtered without delay regardless of the options: a filter with a
+/// delay would make the window late. Fails with [`WorkflowError`] if the log cannot be evaluated, or gives no forces.
 pub fn search_window(job: &TrialJob<'_>) -> Result<WindowSearch, WorkflowError> {
     if job.instrument.calibration.is_none() {
         return Err(WorkflowError::NoCalibration);

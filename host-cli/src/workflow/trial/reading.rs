@@ -19,7 +19,6 @@ use trial::{
 /// Minimum margin around the window in which rows are read, s.
 const MARGIN_S: f64 = 1.0;
 
-/// Data taken from a log.
 pub(super) struct RecordedTrial {
     pub(super) times: LogTimes,
     pub(super) summary: ReadSummary,
@@ -69,7 +68,6 @@ impl RecordedTrial {
     }
 }
 
-/// State while the log is read.
 struct Reading<'a> {
     enter_s: f64,
     exit_s: f64,
@@ -146,7 +144,6 @@ impl<'a> Reading<'a> {
         Ok(*self.needed_s.insert((low, high)))
     }
 
-    /// Times of the log, once it has been read.
     fn log_times(&self, rows: u64) -> Result<LogTimes, TrialError> {
         let ends = self.first_s.zip(self.last_s).zip(self.sampling.rate());
         let ((first_s, last_s), rate) = ends.ok_or(TrialError::NoClock(rows))?;

@@ -56,9 +56,8 @@ fn integers(columns: &[Vec<BigRational>]) -> Integers {
 }
 
 /// Returns the coefficients that minimise `‖X·C − Y‖`, by columns of `Y`, and how often each row
-/// counts; `None` if the columns of `X` are dependent.
-///
-/// By Bareiss's fraction-free elimination of `[XᵀX | XᵀY]`.
+/// counts; `None` if the columns of `X` are dependent. By Bareiss's fraction-free elimination of
+/// `[XᵀX | XᵀY]`.
 pub(crate) fn solve(
     x: &[Vec<BigRational>],
     y: &[Vec<BigRational>],

@@ -181,8 +181,7 @@ fn an_unchanged_sensor_keeps_its_calibration() {
             false => changed += 1,
         }
     }
-    // Evidence of 400 to 1 by chance: in less than one of twenty sensors, with errors that are not
-    // white.
+    // Evidence of 400 to 1 by chance, in under one of twenty sensors; errors are not white.
     assert!(changed <= seeds().count().div_ceil(20), "{changed}");
 }
 

@@ -13,7 +13,6 @@ use system_tests::real_recording;
 
 const AXES: [&str; 6] = ["fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"];
 
-/// A table, with the part that each row is held out with.
 struct Parted {
     header: String,
     rows: Vec<(usize, String)>,

@@ -1,5 +1,4 @@
 //! Nine kinds of springs with memory, from a force to a displacement of about the same size.
-//!
 //! Formulas from the literature, independent of the program's code.
 use system_tests::random::Random;
 

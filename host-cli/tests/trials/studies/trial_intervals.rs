@@ -89,7 +89,6 @@ fn calibrate(seed: u64, rows: usize, elastic: bool) -> (Calibration, [f64; 6]) {
     (calibration, unexplained)
 }
 
-/// The result of a trial, and its truth.
 fn evaluated(
     (calibration, unexplained): &(Calibration, [f64; 6]),
     settings: TrialSettings,
@@ -144,11 +143,9 @@ const COMPARED: [(Quantity, OfTruth); 3] = [
 
 /// Five trials at 3 cm and five free ones, each with the calibration of a separate unit. The intervals of the
 /// mean drag energy, drag and lift at 3 cm, and of their differences from free, contain the true means, and are
-/// no wider than the errors require. `SHELLCAL_TRIAL_UNITS=100` takes a hundred units in place of twenty.
-///
-/// Creep and play make small loads read some tenth too small on every unit, but the intervals treat
-/// this error as random. They may then always contain the truth, so their width is compared with
-/// the errors.
+/// no wider than the errors require. `SHELLCAL_TRIAL_UNITS=100` takes a hundred units in place of twenty. Creep and
+/// play make small loads read some tenth too small on every unit, but the intervals treat this error as random.
+/// They may then always contain the truth, so their width is compared with the errors.
 #[test]
 fn intervals_of_conditions_hold_the_truth_and_are_as_wide_as_errors_ask_for() {
     const ROWS: usize = 12_000;

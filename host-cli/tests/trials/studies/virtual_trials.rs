@@ -132,8 +132,7 @@ fn strides_are_found_exactly_in_a_thousand_random_trials() {
 const LOADS: [[f64; 2]; 6] =
     [[-0.5, 0.25], [-0.25, 0.25], [-0.6, 0.3], [-0.004, 0.004], [-0.006, 0.012], [-0.004, 0.004]];
 
-/// A calibration without error: fitted to a unit's noiseless frames, under loads like those of
-/// trials.
+/// A calibration without error: fitted to a unit's noiseless frames under the loads of trials.
 fn true_calibration(unit_seed: u64) -> Calibration {
     let mut unit = SensorParameters::nominal().unit(unit_seed);
     unit.scale_noise(0.0);

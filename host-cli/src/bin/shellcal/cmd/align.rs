@@ -60,7 +60,6 @@ pub(crate) struct AlignArgs {
     mapping: MappingArgs,
 }
 
-/// The reason for drawing no figure.
 const NO_PICTURE: &str = "the clocks are by edges, and the loads do not match: leave out `--plot`";
 
 /// Difference between the clocks by edges and by loads, s, above which a warning is due: averaging or
@@ -198,7 +197,6 @@ impl AlignArgs {
         Ok(())
     }
 
-    /// Reports the edges of a sync signal, if one was named.
     fn report_edges(&self, printer: &Printer, aligned: &Aligned) {
         let Some(column) = &self.sync else { return };
         let Some(edges) = &aligned.edges else {

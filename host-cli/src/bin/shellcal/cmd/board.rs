@@ -101,7 +101,6 @@ enum BoardAction {
     },
 }
 
-/// Content of a board's stream.
 const STREAMS: [(&str, &str, Stream); 2] =
     [("raw", "Readings", Stream::Raw), ("wrench", "Wrenches", Stream::Wrench)];
 
@@ -165,7 +164,6 @@ impl BoardArgs {
         Ok(())
     }
 
-    /// Sets board and port to a baud rate, and verifies it.
     fn set_baud(&self, port: &str, new: u32, printer: &Printer) -> anyhow::Result<()> {
         let mut client = self.client(port)?;
         let is_tcp = self.serial.port(port).is_tcp();
@@ -216,7 +214,6 @@ impl BoardArgs {
     }
 }
 
-/// Lights the emitters one by one and reports the responses.
 fn self_test(client: &mut BoardClient, printer: &Printer) -> anyhow::Result<Outcome> {
     let (mut faults, mut rises) = (Vec::new(), Vec::new());
     for emitter in 0..CHANNELS {
@@ -310,7 +307,6 @@ fn print_status(client: &mut BoardClient, printer: &Printer) -> anyhow::Result<O
     Ok(Outcome::Done)
 }
 
-/// Parses a serial number of 12 bytes.
 fn parse_serial(text: &str) -> Result<BoardId, &'static str> {
     let is_serial = text.len() == 24 && text.bytes().all(|digit| digit.is_ascii_hexdigit());
     let number = u128::from_str_radix(text, 16).ok().filter(|_| is_serial);
@@ -326,7 +322,6 @@ type BoardClient = Client<Box<dyn Connection>>;
 /// Time that a board allows for proving a new rate, plus the time of a frame under way.
 const TRIAL: Duration = Duration::from_millis(3_500);
 
-/// Starts the bootloader of the board's chip.
 fn start_bootloader(client: &mut BoardClient, port: &str, printer: &Printer) -> anyhow::Result<()> {
     let started = client.order(Command::Bootloader);
     if let Err(LinkError::NoAnswer { .. }) = started {

@@ -46,7 +46,6 @@ Examples:
 
 Keys: n goes on to another load, b takes back the last one, q ends; what is recorded is kept";
 
-/// Duration of listening to the board before the sitting.
 const LISTEN: Duration = Duration::from_secs(2);
 
 #[derive(Debug, clap::Args)]
@@ -80,14 +79,12 @@ pub(crate) struct CalibrateArgs {
     mapping: MappingArgs,
 }
 
-/// Files of a sitting beside its logs.
 const LOADS: &str = "loads.csv";
 const CHECK: &str = "check.csv";
 const CALIBRATION: &str = "calibration.json";
 const REPORT: &str = "report.html";
 const CERTIFICATE: &str = "certificate.html";
 
-/// The files of a sitting.
 struct SittingFolder(PathBuf);
 
 impl SittingFolder {
@@ -100,7 +97,6 @@ impl SittingFolder {
         Ok(folder)
     }
 
-    /// Writes a file, which may be written again.
     fn write(&self, name: &str, text: &str) -> Result<(), OutputError> {
         Outputs::new().write(self.file(name), text.as_bytes())
     }
@@ -109,7 +105,6 @@ impl SittingFolder {
         self.0.join(name)
     }
 
-    /// The logs so far, in their order.
     fn logs(&self) -> Vec<PathBuf> {
         let first = self.file("session.csv");
         (1..).map(|number| numbered(&first, number)).take_while(|path| path.exists()).collect()
@@ -191,13 +186,11 @@ impl CalibrateArgs {
         self.finish(&sitting, &folder, &logs, printer)
     }
 
-    /// Opens recorded logs.
     fn open(&self, logs: &[PathBuf]) -> anyhow::Result<Vec<Log>> {
         let mapping = self.mapping.mapping();
         Ok(logs.iter().map(|path| Log::open(path, &mapping)).collect::<Result<_, _>>()?)
     }
 
-    /// Takes the loads that the folder has already.
     fn resume(
         &self,
         mut sitting: Sitting,
@@ -222,7 +215,6 @@ impl CalibrateArgs {
         Ok(sitting)
     }
 
-    /// Returns true if the logs have the wrench of a reference.
     fn is_measured(&self, logs: &[Log]) -> bool {
         logs.iter().all(Log::has_wrench)
     }
@@ -281,7 +273,6 @@ impl CalibrateArgs {
         Ok(Some(kept.sitting))
     }
 
-    /// Takes the loads of a recorded log one by one.
     fn replay(
         &self,
         mut sitting: Sitting,
@@ -303,7 +294,6 @@ impl CalibrateArgs {
         Ok(sitting)
     }
 
-    /// Writes calibration, report and certificate.
     fn finish(
         &self,
         sitting: &Sitting,
@@ -384,7 +374,6 @@ impl CalibrateArgs {
     }
 }
 
-/// Takes a recorded load again; returns its row of the table.
 fn take_again(
     sitting: &mut Sitting,
     rig: &HungLoads,
@@ -414,7 +403,6 @@ fn parsed(table: &str) -> anyhow::Result<HungLoads> {
     HungLoads::parse(table).context("the table of the sitting")
 }
 
-/// The certificate of a calibration file that was just written.
 fn certificate(
     file: &CalibrationFile,
     path: &Path,

@@ -79,7 +79,6 @@ impl CheckArgs {
             passes: gate.passes(),
             axes: axes.columns(),
             loads: &loads,
-            // Items that were not compared, or differ.
             failures: gate.failures().iter().map(ToString::to_string).collect::<Vec<_>>(),
         };
         printer.finish(&document, |printer| {

@@ -10,7 +10,6 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 /// A name, or several separated by `|` (help shows the first); its help text, if any; and its value.
 type NamedChoice<T> = (&'static str, &'static str, T);
 
-/// Parser for one of several names.
 pub(crate) fn one_of<T: Copy + Send + Sync + 'static>(
     choices: &[NamedChoice<T>],
 ) -> impl TypedValueParser<Value = T> + use<T> {
@@ -45,7 +44,6 @@ pub(super) fn number_within(
     }
 }
 
-/// Parses exactly `N` finite numbers, separated by commas.
 pub(super) fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
     let number = |part: &str| part.trim().parse().ok().filter(|number: &f64| number.is_finite());
     text.split(',').map(number).collect::<Option<Vec<f64>>>()?.try_into().ok()
@@ -79,7 +77,6 @@ pub(super) fn model() -> impl TypedValueParser<Value = ModelRule> {
     one_of(&[&bases[..], &others].concat())
 }
 
-/// Sources of the covariance of the coefficients.
 pub(super) const COVARIANCES: [NamedChoice<CovarianceRule>; 4] = [
     ("auto", BY_GROUPS_OR_ROWS, CovarianceRule::Auto),
     ("groups", BY_GROUPS, CovarianceRule::Groups),

@@ -113,7 +113,6 @@ pub(crate) struct ConvertArgs {
     mapping: MappingArgs,
 }
 
-/// The columns for `--columns`.
 const COLUMNS: [&str; 9] = ["t", "fx", "fy", "fz", "mx", "my", "mz", "se", "flags"];
 
 impl ConvertArgs {
@@ -194,8 +193,7 @@ impl ConvertArgs {
         Ok(OutputFormat::from_path(path, &frame)?)
     }
 
-    /// The output file for each log, `None` for the standard output. Conflicts are found here, before any
-    /// work.
+    /// The output file for each log, `None` for the standard output. Conflicts are found here, before any work.
     fn targets(&self, printer: &Printer) -> anyhow::Result<Vec<Option<PathBuf>>> {
         let count = self.logs.len();
         let file = self.output.as_ref().filter(|file| file.as_os_str() != "-");
@@ -245,7 +243,6 @@ impl ConvertArgs {
         Ok((of(texts), of(numbers)))
     }
 
-    /// All columns that log and calibration provide, or those that were requested by name.
     fn columns(&self, all: TableColumns) -> TableColumns {
         match &self.columns {
             None => TableColumns { interval: self.interval, ..all },
@@ -259,7 +256,6 @@ impl ConvertArgs {
     }
 }
 
-/// Parses a change of frame; the error names the expected form.
 fn frame_change(text: &str) -> Result<FrameChange, String> {
     text.parse().map_err(|error: NoFrameChange| {
         format!("{error}: expected {}", error.hint().unwrap_or_default())

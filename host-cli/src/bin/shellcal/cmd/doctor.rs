@@ -57,7 +57,6 @@ pub(crate) struct DoctorArgs {
     mapping: MappingArgs,
 }
 
-/// Findings on one item.
 #[derive(Debug, Serialize)]
 pub(super) struct Examination {
     name: String,
@@ -112,7 +111,7 @@ impl DoctorArgs {
         Ok(outcome)
     }
 
-    /// The ports of this computer, which are opened, but not queried.
+    /// Opens the ports of this computer, but does not query them.
     fn examine_ports(&self) -> anyhow::Result<Vec<Examination>> {
         let found = ports()?;
         if found.is_empty() {
@@ -126,7 +125,6 @@ impl DoctorArgs {
     }
 }
 
-/// Findings on a port and, if it can be opened, those that `ask` has on its board.
 fn examine_port(
     serial: &SerialArgs,
     port: &str,
@@ -141,7 +139,6 @@ fn examine_port(
     Ok(Examination { name: port.to_owned(), kind: "port", findings })
 }
 
-/// Findings on a port and its board, which is asked and then listened to.
 pub(super) fn examine_board(
     serial: &SerialArgs,
     port: &str,

@@ -83,13 +83,11 @@ impl AxesArg {
     }
 }
 
-/// Parser for an axis by its short name.
 fn axis() -> impl TypedValueParser<Value = Axis> {
     let names = ["fx", "fy", "fz", "mx", "my", "mz"];
     one_of(&Axis::ALL.map(|axis| (names[axis.index()], "", axis)))
 }
 
-/// The evaluation of one log, or of all.
 struct LogEvaluation {
     log: Option<String>,
     evaluation: Evaluation,
@@ -212,7 +210,6 @@ impl EvalArgs {
     }
 }
 
-/// True if the calibration was fitted to one of the logs.
 fn is_trained_on(rows: &Dataset, sources: &[SourceFile]) -> bool {
     let checksums = || rows.logs.iter().filter_map(|log| log.summary.checksum.as_ref());
     let is_of = |source: &SourceFile| {
@@ -277,7 +274,6 @@ fn verdict_document(verdict: &TestedCalibration<'_>) -> impl Serialize {
     }
 }
 
-/// The errors of several logs, a row for each.
 fn print_logs(printer: &Printer, logs: &[LogEvaluation], axes: Axes) {
     let mut header = vec!["log".to_owned(), "rows".to_owned()];
     header.extend(axes.iter().map(|axis| format!("{} ({})", axis.name(), axis.unit())));
@@ -302,7 +298,6 @@ impl LogEvaluation {
         Ok(Self { log, evaluation, quality })
     }
 
-    /// The output of `--json`.
     fn document(&self, axes: Axes) -> impl Serialize {
         let of = &self.evaluation;
         document! {
@@ -343,7 +338,6 @@ pub(super) struct RmsLimits {
 }
 
 impl RmsLimits {
-    /// The limits, for these axes only.
     pub(super) fn of(&self, axes: Option<Axes>) -> ErrorLimits {
         ErrorLimits { force_n: self.max_rms, moment_nm: self.max_rms_moment, axes }
     }

@@ -112,7 +112,6 @@ impl ExportArgs {
     }
 }
 
-/// The name of a file as the name of a function.
 fn identifier(path: &Path) -> anyhow::Result<&str> {
     let stem = path.file_stem().and_then(OsStr::to_str).unwrap_or_default();
     let is_letter = |c: char| c.is_ascii_alphabetic();

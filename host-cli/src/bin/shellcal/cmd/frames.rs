@@ -10,7 +10,6 @@ use super::mapping::EditedArg;
 use crate::files::InputPath;
 use crate::printer::Printer;
 
-/// Headings in help.
 const TARING: &str = "Taring";
 const FILTERING: &str = "Filtering";
 
@@ -103,7 +102,6 @@ impl ForceArgs {
     }
 }
 
-/// Description of the processing of forces.
 pub(crate) fn describe_forces(forces: &ForceOptions) -> String {
     let low_pass = forces.low_pass.map_or("none".to_owned(), |low_pass| low_pass.to_string());
     format!("forces: tare {}; low-pass {low_pass}", forces.tare)
@@ -122,7 +120,6 @@ pub(crate) struct FrameArgs {
 }
 
 impl FrameArgs {
-    /// True if an option on duplicates was given.
     pub(crate) fn is_given(&self) -> bool {
         self.all_rows || self.fresh
     }
@@ -137,7 +134,6 @@ impl FrameArgs {
     }
 }
 
-/// Parses a number of frames, or `rests`.
 pub(crate) fn parse_tare(text: &str) -> Result<TareRule, String> {
     match text.parse() {
         _ if text == "rests" => Ok(TareRule::Rests { causal: false }),
@@ -180,7 +176,6 @@ pub(crate) struct LiveForceArgs {
 }
 
 impl LiveForceArgs {
-    /// True if forces are requested.
     pub(crate) fn is_given(&self) -> bool {
         self.calibration.is_some()
     }

@@ -86,7 +86,6 @@ pub(crate) struct MappingArgs {
 }
 
 impl MappingArgs {
-    /// The user's specification of the columns.
     pub(crate) fn mapping(&self) -> Mapping {
         Mapping {
             table: self.table.clone(),
@@ -136,7 +135,6 @@ impl MappingArgs {
         Ok(logs)
     }
 
-    /// The columns of training logs that the user specified, if any.
     pub(crate) fn specified(&self, train: &[Log]) -> Option<ColumnNames> {
         let mapping = self.mapping();
         let names = train.first().map(|log| log.specified(&mapping));
@@ -172,17 +170,14 @@ pub(crate) struct EditedArg {
 }
 
 impl EditedArg {
-    /// Reads a calibration file.
     pub(crate) fn read(self, path: &Path) -> Result<CalibrationFile, CalibrationFileError> {
         if self.edited { CalibrationFile::read_edited(path) } else { CalibrationFile::read(path) }
     }
 
-    /// Reads a partial fit.
     pub(crate) fn partial(self, path: &Path) -> Result<PartialFit, CalibrationFileError> {
         if self.edited { PartialFit::read_edited(path) } else { PartialFit::read(path) }
     }
 
-    /// The partial fits in a stream.
     pub(crate) fn partials<R: BufRead>(self, reader: R, name: &Path) -> PartialStream<R> {
         let partials = PartialStream::new(reader, name);
         if self.edited { partials.edited() } else { partials }
@@ -226,16 +221,12 @@ pub(crate) fn open_logs(
     Ok(logs.iter().zip(wrenches).map(open).collect::<Result<_, _>>()?)
 }
 
-/// The columns of the wrench, by axis.
 type WrenchColumns = PerAxis<Option<ColumnRef>>;
 
-/// A list of columns, as one value of an option.
 pub(crate) type ColumnList = Vec<ColumnRef>;
 
-/// Units and the columns that they apply to, as one value of an option.
 type UnitList = Vec<(String, String)>;
 
-/// Units of moments.
 pub(super) const MOMENT_UNITS: [(&str, &str, MomentUnit); 2] = [
     ("N·m|nm|Nm|N.m", "N·m", MomentUnit::NewtonMetre),
     ("mN·m|mnm|mNm|mN.m|N·mm|Nmm|nmm|N.mm", "mN·m, the same as N·mm", MomentUnit::MillinewtonMetre),

@@ -69,12 +69,9 @@ fn parse_folds(text: &str) -> Result<HeldOut, &'static str> {
     }
 }
 
-/// Merged partial fits.
 struct Merged {
     sum: PartialFit,
-    /// Number of partial fits that were read.
     read: usize,
-    /// Number of them that were left out.
     skipped: usize,
 }
 
@@ -108,7 +105,6 @@ impl MergeArgs {
         self.report(printer, &merged, Some(&file), false)
     }
 
-    /// The partial fits of a file or the standard input.
     fn read(
         &self,
         path: &InputPath,
@@ -152,7 +148,6 @@ impl MergeArgs {
         Ok(Merged { sum, read, skipped })
     }
 
-    /// Warns of requested results that could not be had.
     fn warn(&self, fitted: &Fit, is_exact: bool, printer: &Printer) {
         fitted.warnings.iter().for_each(|warning| printer.warning(warning.to_string()));
         if fitted.selection.is_some() {

@@ -245,9 +245,7 @@ pub(crate) const MOVED: [(&str, &str); 10] = [
 ];
 
 /// The arguments of one subcommand, set up only when needed: setting up those of all subcommands would take
-/// half of the program's start-up time.
-///
-/// Their description is in the list of subcommands, where it is needed anyway.
+/// half of the program's start-up time. Their description is in the list of subcommands.
 #[derive(Debug)]
 pub(crate) struct Deferred<T>(Box<T>);
 

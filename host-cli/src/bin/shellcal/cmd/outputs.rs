@@ -52,7 +52,6 @@ pub(super) struct FigureArgs {
 }
 
 impl FigureArgs {
-    /// Opens the file of the figure, if it is requested.
     pub(super) fn create(&self, printer: &Printer) -> anyhow::Result<Option<FigureFile>> {
         self.plot.as_ref().map(|path| self.figure_size.open(path, printer)).transpose()
     }
@@ -72,14 +71,12 @@ impl FigureArgs {
     }
 }
 
-/// Widths of figures.
 const SIZES: [(&str, &str, Size); 3] = [
     ("screen", "As wide as its content suits", Size::Screen),
     ("single", "A column of a paper, 89 mm", Size::Single),
     ("double", "Two columns, 183 mm", Size::Double),
 ];
 
-/// The file of a figure, opened before the work begins.
 pub(super) struct FigureFile {
     file: AtomicFile,
     format: Format,
@@ -87,14 +84,12 @@ pub(super) struct FigureFile {
 }
 
 impl FigureFile {
-    /// Writes the figure that `draw` makes for a width.
     pub(super) fn draw(self, draw: impl FnOnce(Size) -> Figure) -> anyhow::Result<()> {
         Ok(self.file.commit_with(&draw(self.size).render(self.format)?)?)
     }
 }
 
 impl FigureSize {
-    /// Opens the file of a figure; its name determines the format.
     pub(super) fn open(self, path: &Path, printer: &Printer) -> anyhow::Result<FigureFile> {
         let format = Format::from_path(path)?;
         Ok(FigureFile { file: printer.files.create(path)?, format, size: self.size })
@@ -122,7 +117,6 @@ pub(in crate::cmd) fn date() -> anyhow::Result<String> {
     Ok(iso_of_seconds(seconds))
 }
 
-/// The command line, quoted for a shell.
 pub(in crate::cmd) fn command_line() -> String {
     let quoted = |word: String| {
         let is_plain = |c: char| c.is_alphanumeric() || "_-./:=,+@%".contains(c);

@@ -1,5 +1,4 @@
-//! Serial ports: a list of this computer's ports, their names on the command line, and the options for
-//! opening one.
+//! Serial ports: a list of this computer's ports, their names on the command line, and the options for opening one.
 
 use std::path::Path;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
@@ -14,7 +13,6 @@ use shared_proto::{Framing, Protocol};
 use super::choices::one_of;
 use crate::printer::Printer;
 
-/// Lists the serial ports of this computer.
 pub(super) fn list(printer: &Printer) -> anyhow::Result<()> {
     let ports = ports()?;
     printer.finish(&ports, |printer| {
@@ -73,16 +71,12 @@ pub(crate) struct SerialArgs {
     pub(crate) to: Recipient,
 }
 
-/// To whom something is sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Recipient {
-    /// A board, by the address of its module.
     Board(Address),
-    /// A program that reads a Net F/T box.
     NetFt(NetFtAddress),
 }
 
-/// Kinds of handshake.
 const FLOWS: [(&str, &str, FlowControl); 3] = [
     ("none", "None", FlowControl::None),
     ("hardware", "RTS/CTS", FlowControl::Hardware),
@@ -108,10 +102,7 @@ impl SerialArgs {
         }
     }
 
-    /// Refuses what only `stream` can.
-    ///
-    /// # Errors
-    /// `--to` names no board.
+    /// Refuses what only `stream` can. Fails if `--to` names no board.
     pub(crate) fn expect_board(&self) -> anyhow::Result<()> {
         let is_board = matches!(self.to, Recipient::Board(_));
         anyhow::ensure!(

@@ -16,7 +16,6 @@ use shell_data::wrench::{Axes, Axis, PerAxis};
 use crate::printer::{Printer, TableColumn};
 use crate::tables::{NOTHING, or_dash, shown};
 
-/// A row of the table: RMS, max and R² of every set side by side, and the unit.
 pub(super) fn table_row(axis: Axis, sets: &[&PerAxis<AxisQuality>]) -> Vec<String> {
     let figures: [fn(&AxisQuality) -> String; 3] = [
         |quality| significant(quality.rms, 4),
@@ -31,7 +30,6 @@ pub(super) fn table_row(axis: Axis, sets: &[&PerAxis<AxisQuality>]) -> Vec<Strin
     row
 }
 
-/// Prints the screen of a fit or of a test.
 pub(super) fn print_screen(printer: &Printer, screen: &Screen) {
     screen.headlines().into_iter().for_each(|line| printer.line(line));
     let header: Vec<&str> = screen.header.iter().map(String::as_str).collect();
@@ -48,7 +46,6 @@ pub(super) fn test_ratio(of: TestRatio) -> impl Serialize {
     }
 }
 
-/// Prints the table of errors on training and test rows.
 pub(super) fn print_errors(printer: &Printer, of: &Diagnostics, axes: Axes) {
     let sets: Vec<&PerAxis<AxisQuality>> =
         [Some(&of.train), of.test.as_ref()].into_iter().flatten().collect();
@@ -123,7 +120,6 @@ pub(super) fn print_cross_validation(printer: &Printer, cv: &CrossValidation, ax
     }
 }
 
-/// Prints the closing advice on the choice of a model.
 pub(super) fn print_advice(
     printer: &Printer,
     advice: &Advice,
@@ -142,8 +138,7 @@ pub(super) fn print_advice(
     }
 }
 
-/// Prints the models that were compared, each with its best ridge, and which was chosen. `physics` is its
-/// comparison with the polynomial.
+/// Prints the models that were compared, each with its best ridge, and which was chosen.
 pub(super) fn print_selection(
     printer: &Printer,
     selection: &Selection,

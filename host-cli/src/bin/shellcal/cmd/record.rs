@@ -146,7 +146,6 @@ impl RecordArgs {
     }
 }
 
-/// The status line during recording.
 fn describe(progress: &RecordingProgress, width: usize) -> String {
     let RecordingProgress { elapsed, rate_hz, frames, bytes, ref losses, .. } = *progress;
     let time = clock(elapsed);
@@ -171,7 +170,6 @@ fn describe(progress: &RecordingProgress, width: usize) -> String {
     }
 }
 
-/// The newest wrench, with its axes named.
 fn forces_in_words(wrench: &[(Axis, f64)]) -> String {
     let text = |axis: Axis, value| {
         let decimals = if axis.is_moment() { 3 } else { 2 };

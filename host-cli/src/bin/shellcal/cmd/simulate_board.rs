@@ -148,7 +148,6 @@ fn on_a_pty(_: BoardSettings) -> anyhow::Result<SimulatedBoard> {
     )
 }
 
-/// Reads the load from a log.
 fn read_load(path: &Path) -> anyhow::Result<LoadTable> {
     let log = Log::open(path, &Mapping::default())?;
     log.require_axes(Axes::ALL)?;
@@ -169,7 +168,6 @@ fn read_load(path: &Path) -> anyhow::Result<LoadTable> {
     LoadTable::new(rows).with_context(|| format!("`{}` is no load", path.display()))
 }
 
-/// A symbolic link that exists as long as the board.
 struct Symlink(PathBuf);
 
 impl Symlink {

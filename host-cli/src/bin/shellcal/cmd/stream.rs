@@ -114,7 +114,6 @@ pub(super) struct EndingArgs {
     pub(super) until_eof: bool,
 }
 
-/// Encodings of rows.
 const ENCODINGS: [(&str, &str, StreamFormat); 2] = [
     ("json", "An object of JSON a line", StreamFormat::JsonLines),
     ("csv", "Comma-separated values after a line with their names", StreamFormat::Csv),
@@ -155,7 +154,6 @@ impl StreamArgs {
         ended
     }
 
-    /// Where rows go.
     fn destinations(&self) -> Vec<Destination> {
         let mut all = self.output.clone();
         if let Recipient::NetFt(address) = self.source.serial.to {
@@ -197,7 +195,6 @@ impl StreamArgs {
     }
 }
 
-/// The watcher of a recording, and the handle of its stream if there is one.
 type WatchedStream = (Option<Box<dyn Watcher>>, Option<StreamHandle>);
 
 /// Destination of rows in addition to a log or a view, as JSON lines, or CSV to a file `.csv`
@@ -235,7 +232,6 @@ impl StreamToArgs {
     }
 }
 
-/// Opens all destinations, and prints the addresses for readers.
 fn open(
     printer: &Printer,
     to: &[Destination],
@@ -263,10 +259,9 @@ fn open(
     Ok(readers)
 }
 
-/// The page of a Net F/T box.
 const NETFT_PAGE: &str = "/netftapi2.xml";
 
-/// Serves the page of a Net F/T box: where.
+/// Serves the page of a Net F/T box; returns the address.
 fn serve_page(page: &NetFtPage) -> anyhow::Result<SocketAddr> {
     let own = page.clone();
     let text = Arc::new(move || own.text());
@@ -307,7 +302,6 @@ pub(crate) fn commands(
     Ok(commands)
 }
 
-/// Maximum length of a line of the standard input, bytes.
 const LONGEST_LINE: u64 = 4096;
 
 /// Reads the standard input on a thread with this name. For each line, `take` returns whether it wants more,
@@ -338,7 +332,6 @@ pub(crate) fn each_line(
     thread::Builder::new().name(name.to_owned()).spawn(listen).map(drop)
 }
 
-/// Ends a stream, and reports its result.
 pub(crate) fn finish(
     printer: &Printer,
     handle: Option<&StreamHandle>,

@@ -63,13 +63,11 @@ struct RecordingArgs {
     written: WrittenArg,
 }
 
-/// Resolution of the board's converter.
 const ADC_BITS: u32 = 12;
 
 /// The reference of a pair starts this much earlier than the board and stops this much later, s.
 const MARGIN_S: f64 = 5.0;
 
-/// Layouts of recordings.
 const LAYOUTS: [(&str, &str, SyntheticLayout); 3] = [
     (
         "shellcal",
@@ -247,7 +245,6 @@ impl PairArgs {
 /// Maximum number of rows, some GB: a typing error must not fill the disk.
 const MOST_ROWS: f64 = 1e7;
 
-/// Checks a number of rows, which may be any number.
 pub(super) fn check_rows(rows: f64) -> anyhow::Result<()> {
     anyhow::ensure!(
         rows <= MOST_ROWS,

@@ -124,7 +124,6 @@ impl TrialsArgs {
     pub(super) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let base = self.common.settings(ChannelForces::PAPER[0]);
         let count = self.per_condition * ChannelForces::PAPER.len() as u64;
-        /// Approximate size of a trial.
         const BYTES: u64 = 1_000_000;
         let bar = printer.progress("making trials", count * BYTES);
         let trials = write_set(&printer.files, &self.directory, base, self.per_condition, |done| {

@@ -11,7 +11,6 @@ use crate::printer::{Printer, TableColumn};
 /// Scatter in stated errors above which the stated errors are reported as too small.
 const TOO_SMALL: f64 = 1.5;
 
-/// The output of `--json`.
 pub(super) fn document(hung: &HungReference) -> impl Serialize {
     let load = |(load, found): (&HungLoad, &CorrectedLoad)| {
         document! {
@@ -53,7 +52,6 @@ fn name(quantity: LoadQuantity) -> &'static str {
     }
 }
 
-/// Prints the table of corrections.
 pub(super) fn print(printer: &Printer, hung: &HungReference) {
     let degrees = |radians: f64| format!("{:.1}", radians.to_degrees());
     let columns: [TableColumn<'_, (&HungLoad, &CorrectedLoad)>; 6] = [
@@ -78,7 +76,6 @@ fn millimetres(offset_m: [f64; 3]) -> String {
     offset_m.map(|metres| format!("{:+.1}", 1e3 * metres)).join(" ")
 }
 
-/// Warns of lines of the table that are probably wrong, and notes the loads that errors refer to.
 pub(super) fn tell(hung: &HungReference, printer: &Printer) {
     for (load, found) in hung.suspicious() {
         printer.warning(warning(load, found));

@@ -181,7 +181,6 @@ pub(crate) struct FitArgs {
     mapping: MappingArgs,
 }
 
-/// Groups kept by a partial fit.
 const GROUPS: [(&str, &str, KeptGroups); 3] = [
     ("auto", "Those of the group column where there is one, files otherwise", KeptGroups::Auto),
     ("file", "Files", KeptGroups::By(GroupKind::File)),
@@ -195,7 +194,6 @@ enum SearchArg<T> {
     Given(T),
 }
 
-/// Treatments of suspicious rows.
 const OUTLIERS: [(&str, &str, OutlierRule); 3] = [
     ("report", "Name them, with what they do to the fit, and use them", OutlierRule::Report),
     ("drop", "Leave them out, and list them in the file of `--dropped`", OutlierRule::Drop),
@@ -213,8 +211,7 @@ impl FitArgs {
         self.fit(printer)
     }
 
-    /// Requires the errors on all rows that were not used for the fit: those held out, and those of the test
-    /// logs.
+    /// Requires the errors on all rows that were not used for the fit: those held out, and those of the test logs.
     fn ask_errors(&self, fitted: &Fit, gate: &mut Gate) {
         let (limits, axes) = (self.limits.of(None), fitted.calibration.axes);
         let train = format!("`{}`", self.train[0].display());

@@ -17,7 +17,6 @@ use super::FitArgs;
 use crate::files::InputPath;
 use crate::printer::{Outcome, Printer};
 
-/// The output of `--json` for a change, or for its standard errors.
 fn change(of: &Change) -> impl Serialize {
     document! {
         zeros: of.channels.iter().map(|channel| channel.zero).collect::<Vec<_>>(),
@@ -108,7 +107,6 @@ fn report(printer: &Printer, path: &Path, of: &Recalibrated) -> anyhow::Result<(
     Ok(())
 }
 
-/// The findings in words.
 fn lines(name: &str, of: &Recalibrated) -> Vec<String> {
     let (found, loads) = (&of.found, of.loads);
     let [before, after] = found.disagreement.map(|x| significant(x, 2));

@@ -23,13 +23,11 @@ use super::super::quality::{
 use super::hung_loads;
 use crate::printer::Printer;
 
-/// The output of `--json` for a verdict.
 fn verdict(verdict: &Verdict<'_>) -> impl Serialize + use<> {
     let (axes, unseen) = (verdict.axes, verdict.unseen.as_ref());
     let interval = verdict.interval.as_ref().ok();
     let test = verdict.examination().and_then(|of| of.test).map(test_ratio);
     document! {
-        // The verdict in words.
         text: verdict.screen("").lines(),
         // True if errors are known and all checks have passed.
         ok: verdict.is_ok(),
@@ -82,7 +80,6 @@ fn dynamics(asked: &Outcome<Dynamics, NotSearched>, axes: Axes) -> Option<impl S
     (!matches!(asked, Outcome::NotAsked)).then_some(answer)
 }
 
-/// The advice from held-out errors, for `--json`.
 fn advice(advice: &Advice, axes: Axes) -> impl Serialize {
     document! {
         advice.{folds, ridge_is_at_limit},
@@ -96,7 +93,6 @@ fn advice(advice: &Advice, axes: Axes) -> impl Serialize {
     }
 }
 
-/// The basis of standard errors, and the covariance of the errors of a row, for `--json`.
 fn covariance(covariance: &Covariance, axes: Axes) -> impl Serialize {
     let (groups, of_coefficients) = match &covariance.coefficients {
         CoefficientCovariance::Groups { groups, degrees_of_freedom, .. } => {
@@ -121,12 +117,10 @@ fn covariance(covariance: &Covariance, axes: Axes) -> impl Serialize {
     }
 }
 
-/// The comparison of the physics model with the polynomial, if there was one.
 fn compared(fitted: &Fit) -> Option<&ModelComparison> {
     fitted.comparison.found()
 }
 
-/// The output of `--json` for a comparison of physics and a polynomial.
 fn comparison(found: &ModelComparison) -> impl Serialize + use<> {
     let of = &found.comparison;
     document! {
@@ -149,8 +143,7 @@ fn log_ratio(ratio: FoldMean) -> [f64; 2] {
     [ratio.value, ratio.standard_error]
 }
 
-/// The ridge, and the features that it penalises: with an intercept, readings are centred before powers are
-/// taken.
+/// The ridge, and the features that it penalises: with an intercept, readings are centred before powers are taken.
 fn ridge(ridge: f64, intercept: bool) -> String {
     let powers = if intercept { "centred" } else { "raw" };
     match ridge > 0.0 {
@@ -159,7 +152,6 @@ fn ridge(ridge: f64, intercept: bool) -> String {
     }
 }
 
-/// Reports a fit: the figures common to all fits, and those of a polynomial or of the physics model.
 pub(super) fn report(
     printer: &Printer,
     logs: &FittedLogs,
@@ -297,7 +289,6 @@ pub(super) fn report(
     if let Some(hung) = hung {
         hung_loads::print(printer, hung);
     }
-    // Width of the intervals of `convert`.
     let intervals = physics.and_then(|(_, physics)| physics.intervals.as_ref());
     if let Some(Ok(factors)) = intervals.map(|of| of.factors(COVERAGE_LEVEL)) {
         let factors = in_line(axes, &factors, false);

@@ -30,7 +30,6 @@ use super::{FitArgs, SearchArg, hung_loads};
 use crate::printer::{Outcome, Printer};
 
 impl FitArgs {
-    /// Fits, writes all files, and reports the results.
     pub(super) fn fit(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let (start, stages) = (Instant::now(), StageTimes::new("opening the files"));
         self.check()?;
@@ -101,7 +100,6 @@ impl FitArgs {
         Ok(outcome)
     }
 
-    /// Prints the summary of every fit: whether to use it, a row for each axis, and a few lines.
     fn print_screen(&self, fitted: &Fit, printer: &Printer) {
         let written = [&self.output, &self.report, &self.export_matrix, &self.dropped];
         let figure = self.figure.plot.as_ref();
@@ -114,7 +112,6 @@ impl FitArgs {
         print_screen(printer, &fitted.verdict().screen(&files));
     }
 
-    /// Reads the logs and fits.
     fn fit_logs(
         &self,
         (train, test): (&[Log], &[Log]),
@@ -162,7 +159,6 @@ impl FitArgs {
         let fitted = data.fit(&options).map_err(|error| {
             let (is_about_rows, error) = (error.is_about_rows(), anyhow::Error::new(error));
             match is_about_rows {
-                // The error is about rows of the training logs.
                 true => error.context(quoted(self.train.iter().map(|it| it.display()), ", ")),
                 false => error,
             }
@@ -171,7 +167,6 @@ impl FitArgs {
         Ok((data, hung, fitted))
     }
 
-    /// Prints remarks on a fit; notes on how it was made only with `--verbose`.
     fn tell(&self, fitted: &FittedLogs, printer: &Printer) {
         if let Some(path) = &self.dropped {
             printer.remarks(fitted.dropped.remarks());
@@ -196,7 +191,6 @@ impl FitArgs {
         self.outliers.unwrap_or(OutlierRule::Report)
     }
 
-    /// Checks that the arguments go together.
     fn check(&self) -> anyhow::Result<()> {
         let is_physics = self.model() == ModelRule::Physics;
         anyhow::ensure!(
@@ -222,7 +216,6 @@ impl FitArgs {
         Ok(())
     }
 
-    /// Origin of the calibration, for its file.
     pub(super) fn origin(&self, train: &[Log]) -> anyhow::Result<Origin> {
         Ok(Origin {
             made_by: shellcal::PROGRAM.to_owned(),
@@ -233,7 +226,6 @@ impl FitArgs {
         })
     }
 
-    /// Checks that rows are left out if they are to be listed.
     pub(super) fn check_dropped(&self) -> anyhow::Result<()> {
         let drops = self.outliers == Some(OutlierRule::Drop) || self.valid_range.is_some();
         anyhow::ensure!(
@@ -254,7 +246,6 @@ impl FitArgs {
         self.model.unwrap_or(ModelRule::Auto)
     }
 
-    /// The first requested option that only polynomials support.
     fn polynomials_only(&self) -> Option<&'static str> {
         let asked = [
             (self.export_matrix.is_some(), "--export-matrix"),
@@ -265,7 +256,6 @@ impl FitArgs {
         asked.into_iter().find_map(|(given, option)| given.then_some(option))
     }
 
-    /// Treatment of lag and memory.
     fn dynamics(&self, has_time: bool) -> DynamicsRule<'_> {
         let default = match self.means {
             true => DynamicsRule::NOTHING,
@@ -296,8 +286,7 @@ impl FitArgs {
             solver: self.solver,
             truncate: self.truncate,
             cross_validation: self.cv.or(self.loads.as_ref().map(|_| HeldOut::Column)),
-            // A covariance is needed only for a calibration file, and for the verdict on a cross-validated
-            // model.
+            // A covariance is needed only for a calibration file, and for the verdict on a cross-validated model.
             covariance: match self.covariance {
                 CovarianceRule::Auto | CovarianceRule::Rows if !self.keeps() && !self.judges() => {
                     CovarianceRule::Nothing
@@ -315,12 +304,10 @@ impl FitArgs {
         }
     }
 
-    /// True if errors on held-out groups are found.
     fn judges(&self) -> bool {
         self.cv.is_some() || self.model() == ModelRule::Auto
     }
 
-    /// True if the results are written to a file.
     pub(super) fn keeps(&self) -> bool {
         self.output.is_some() || self.report.is_some()
     }

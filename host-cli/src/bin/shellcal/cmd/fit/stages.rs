@@ -5,7 +5,6 @@ use std::time::{Duration, Instant};
 
 use shell_data::lock::lock;
 
-/// The running stage, and the times of all stages.
 #[derive(Debug)]
 pub(super) struct StageTimes(Mutex<Running>);
 
@@ -29,7 +28,6 @@ impl Running {
 }
 
 impl StageTimes {
-    /// Starts the first stage.
     pub(super) fn new(stage: &'static str) -> Self {
         Self(Mutex::new(Running { stage, since: Instant::now(), ended: Vec::new() }))
     }
@@ -41,7 +39,6 @@ impl StageTimes {
         running.stage = stage;
     }
 
-    /// A line for each stage: its name, seconds and share.
     pub(super) fn lines(&self) -> Vec<String> {
         let mut running = lock(&self.0);
         running.end();

@@ -12,7 +12,6 @@ use crate::printer::Printer;
 use crate::tables::decimals;
 
 impl InfoArgs {
-    /// Reports the drift of every log.
     pub(super) fn report_drift(
         &self,
         logs: &[Log],
@@ -92,7 +91,6 @@ fn print(printer: &Printer, log: &str, summary: &DriftSummary) {
     printer.table(&header, rows);
     match summary.temperature {
         Some([low, high]) if has_trend => {
-            // Find out whether time or temperature explains the zeros better.
             let drifts = quantities.iter().map(|(.., drift)| drift);
             let pairs = drifts.filter_map(|drift| Some((drift.per_s, drift.per_degree?)));
             let better = pairs.clone().filter(|(time, of)| of.residual_rms < time.residual_rms);

@@ -71,17 +71,14 @@ pub(crate) struct InfoArgs {
     mapping: MappingArgs,
 }
 
-/// Heading in help.
 const AT_REST: &str = "A sensor at rest";
 
 /// Number of files above which only the overview is printed.
 const FILES_IN_FULL: usize = 5;
 
-/// Columns of the overview, which has a line for each log.
 const OVERVIEW: [&str; 8] =
     ["file", "rows", "bad", "seconds", "Hz", "gaps", "columns with a note", "outliers"];
 
-/// Columns of the table of a log, which has a line for each column.
 const COLUMNS: [&str; 7] = ["column", "taken for", "min", "mean", "max", "sd", "note"];
 
 impl InfoArgs {
@@ -109,7 +106,6 @@ impl InfoArgs {
         }
     }
 
-    /// Describes each log.
     fn describe(&self, printer: &Printer) -> anyhow::Result<()> {
         let mapping = self.mapping.mapping();
         let (mut documents, mut overview, mut texts) = (Vec::new(), Vec::new(), Vec::new());
@@ -142,7 +138,6 @@ impl InfoArgs {
     }
 }
 
-/// Suspicious rows, by the cubic model.
 fn outliers(log: &Log, args: &MappingArgs) -> anyhow::Result<NamedOutliers> {
     let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
     let log = std::slice::from_ref(log);
@@ -152,16 +147,13 @@ fn outliers(log: &Log, args: &MappingArgs) -> anyhow::Result<NamedOutliers> {
     Ok(NamedOutliers::new(found, log, &rows))
 }
 
-/// A log that was read to its end.
 struct ScannedLog<'a> {
     log: &'a Log,
     summary: LogSummary,
     skipped_rows: u64,
-    /// Suspicious rows, by a fit to the others.
     outliers: Option<NamedOutliers>,
 }
 
-/// A column, with a summary of its values if they are readings or loads.
 struct ColumnInfo<'a> {
     number: usize,
     column: &'a Column,
@@ -206,7 +198,6 @@ impl<'a> ScannedLog<'a> {
         (self.log.channels() > 0).then(|| (summary.repeated_rows, summary.fresh_rate_hz()))
     }
 
-    /// The output of `--json`.
     fn document(&self) -> impl Serialize + use<> {
         let (log, format) = (self.log, self.log.format());
         let format = FORMATS.iter().find(|(.., known)| *known == format);
@@ -229,7 +220,6 @@ impl<'a> ScannedLog<'a> {
         }
     }
 
-    /// The line in the overview.
     fn overview(&self) -> Vec<String> {
         let timing = &self.summary.timing;
         let gaps = timing.start_s.map(|_| timing.gaps().count + timing.backward_steps);
@@ -246,7 +236,6 @@ impl<'a> ScannedLog<'a> {
         ]
     }
 
-    /// The lines above the table of columns.
     fn lines(&self) -> Vec<String> {
         let (log, rows) = (self.log, self.summary.rows);
         let packed = log.compression().map_or_else(String::new, |name| format!(", {name}"));
@@ -300,7 +289,6 @@ fn line_of_units(log: &Log) -> Option<String> {
     Some(format!("  units     no unit, taken as {taken}: {}", names.join(", ")))
 }
 
-/// The output of `--json` on the times of rows.
 fn timing(timing: &LogTiming) -> Option<impl Serialize + use<>> {
     let (gaps, longest) = (timing.gaps(), timing.longest);
     timing.start_s.map(|start_s| {
@@ -358,7 +346,6 @@ impl ColumnInfo<'_> {
         matches!(self.column.meaning, Meaning::Sensor(_))
     }
 
-    /// The output of `--json`.
     fn document(&self) -> impl Serialize + use<> {
         let limits = |of: &ColumnSummary| {
             let at_ends = of.rows_at_ends().into_iter();
@@ -387,7 +374,6 @@ impl ColumnInfo<'_> {
         }
     }
 
-    /// The line in the table of columns, if the column has a meaning.
     fn row(&self) -> Option<Vec<String>> {
         let meaning = self.column.in_words()?;
         let mut cells = vec![format!("{} {}", self.number, self.column.name), meaning];

@@ -13,7 +13,6 @@ use crate::printer::Printer;
 use crate::tables::{axis_row, number_row};
 
 impl InfoArgs {
-    /// Reports the noise of every log, within a window if there is one.
     pub(super) fn report_noise(
         &self,
         window: Option<TimeWindow>,

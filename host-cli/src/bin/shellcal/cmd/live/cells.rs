@@ -1,6 +1,5 @@
-//! The cells of a terminal's screen: each picture is drawn from scratch, and only changed lines are written.
-//! Dots and lines are drawn in Braille, eight dots to a cell, or in ASCII if the terminal cannot show
-//! Braille.
+//! The cells of a terminal's screen: each picture is drawn from scratch, and only changed lines are written. Dots and
+//! lines are drawn in Braille, eight dots to a cell, or in ASCII if the terminal cannot show Braille.
 
 use std::io::{self, Write};
 
@@ -30,18 +29,15 @@ struct Cell {
 #[derive(Debug, PartialEq)]
 pub(super) struct CellGrid {
     size: (u16, u16),
-    /// Row by row.
     cells: Vec<Cell>,
 }
 
 impl CellGrid {
-    /// A blank grid with these columns and rows.
     pub(super) fn new(size: (u16, u16)) -> Self {
         let blank = Cell { character: Some(' '), marks: String::new(), style: ContentStyle::new() };
         Self { size, cells: vec![blank; usize::from(size.0) * usize::from(size.1)] }
     }
 
-    /// Columns and rows.
     pub(super) fn size(&self) -> (u16, u16) {
         self.size
     }
@@ -83,7 +79,6 @@ impl CellGrid {
         self.index(at).and_then(|index| self.cells.get_mut(index))
     }
 
-    /// True if a cell is blank.
     pub(super) fn is_blank(&self, at: (u16, u16)) -> bool {
         let cell = self.index(at).and_then(|index| self.cells.get(index));
         cell.is_some_and(|cell| cell.character == Some(' '))
@@ -122,7 +117,6 @@ fn text_of(cells: &[Cell]) -> String {
     text
 }
 
-/// A grid of dots.
 #[derive(Debug)]
 pub(super) struct CharacterCanvas {
     columns: usize,
@@ -138,7 +132,6 @@ pub(super) const ACROSS: usize = 2;
 pub(super) const DOWN: usize = 4;
 
 impl CharacterCanvas {
-    /// An empty canvas with these columns and rows of cells.
     pub(super) fn new(columns: usize, rows: usize) -> Self {
         Self { columns, cells: vec![0; columns * rows] }
     }
@@ -160,13 +153,11 @@ impl CharacterCanvas {
         let (dx, dy) = (to.0 - from.0, to.1 - from.1);
         let steps = dx.abs().max(dy.abs()).max(1);
         for step in 0..=steps {
-            // Round to the nearest dot.
             let part = |length: i64| (2 * length * step + steps * length.signum()) / (2 * steps);
             self.dot(from.0 + part(dx), from.1 + part(dy));
         }
     }
 
-    /// The column and row of each cell.
     pub(super) fn cells(&self) -> impl Iterator<Item = (usize, usize)> {
         (0..self.cells.len()).map(|at| (at % self.columns, at / self.columns))
     }

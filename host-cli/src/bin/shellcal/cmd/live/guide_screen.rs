@@ -20,7 +20,6 @@ const CURVE: u16 = 4;
 const MOST_OF_CURVE: u16 = 72;
 const ROOM_FOR_CURVE: u16 = 34;
 
-/// Length in characters of the bar that shows how long a load was held.
 const BAR: usize = 10;
 
 impl LiveScreen<'_> {
@@ -107,7 +106,6 @@ impl LiveScreen<'_> {
         format!("{number}/{count} `{group}`: {what}{now}  {recorded} done{left}")
     }
 
-    /// Draws lines of letters of eight by eight dots, broken between words; returns the number of rows used.
     fn draw_large(&self, grid: &mut CellGrid, area: Area, text: &str) -> u16 {
         let (columns, rows) = (LETTER / ACROSS, (LETTER / DOWN) as u16);
         let lines = broken(text, usize::from(area.width) / columns);
@@ -128,7 +126,6 @@ impl LiveScreen<'_> {
     }
 }
 
-/// The error on held-out loads in words, with its limit.
 fn error_text(guide: &GuideView) -> String {
     let Some(ErrorPoint { error, upper, .. }) = guide.errors.last() else {
         return "held-out error: known after some ten loads".to_owned();

@@ -94,10 +94,8 @@ pub(super) struct ServeArg {
 }
 
 impl ServeArg {
-    /// Starts the server for a browser if one is wanted.
-    ///
-    /// # Errors
-    /// It cannot listen, or there is neither a browser nor a terminal.
+    /// Starts the server for a browser if one is wanted. Fails if it cannot listen, or there is neither a browser nor
+    /// a terminal.
     pub(super) fn open(self) -> anyhow::Result<Option<Browser>> {
         let browser = self.serve.map(view::serve).transpose()?;
         ensure!(
@@ -108,7 +106,6 @@ impl ServeArg {
     }
 }
 
-/// The server of a view, and the address to open.
 pub(super) type Browser = (Server, String);
 
 impl LiveArgs {
@@ -155,7 +152,6 @@ impl LiveArgs {
         ended.and(streamed.map(drop))
     }
 
-    /// Records a board, independently of the view.
     fn record(
         &self,
         port: &str,
@@ -170,7 +166,6 @@ impl LiveArgs {
         Ok(recording(source, Sinks { log, watcher, ..Sinks::default() }, options, feed))
     }
 
-    /// Plays a log; also returns its axes.
     fn play(
         &self,
         mut watcher: Option<Box<dyn Watcher>>,
@@ -202,10 +197,8 @@ fn announce(printer: &Printer, at: SocketAddr, address: &str) -> anyhow::Result<
     })
 }
 
-/// Function that produces frames until the flag is set.
 pub(super) type FrameSource = Box<dyn FnOnce(&AtomicBool) -> anyhow::Result<()> + Send>;
 
-/// The recording of a port; its progress goes to the feed.
 pub(super) fn recording(
     mut source: Source,
     sinks: Sinks,

@@ -6,29 +6,22 @@ use shell_data::escape::is_invisible;
 
 use super::cells::{ACROSS, Area, CellGrid, CharacterCanvas, DOWN};
 
-/// The content of the screen.
 #[derive(Debug)]
 pub(super) struct LiveScreen<'a> {
     pub(super) model: &'a LiveModel,
-    /// The next planned load.
     pub(super) guide: Option<&'a GuideView>,
-    /// Name of the source: the port or the log.
     pub(super) source: &'a str,
     /// Protocol, rate, losses.
     pub(super) state: &'a str,
-    /// Name of the log that is being written.
     pub(super) recording: Option<&'a str>,
-    /// Confirmation of the last action.
     pub(super) message: &'a str,
     /// True if the terminal cannot show Braille.
     pub(super) ascii: bool,
     pub(super) color: bool,
 }
 
-/// Minimum size of the screen.
 const LEAST: (u16, u16) = (60, 14);
 
-/// Minimum length to which names are cut.
 const LEAST_NAME: usize = 8;
 
 /// Columns of the labels of traces.
@@ -323,12 +316,10 @@ fn colour(position: usize) -> Color {
     [DarkRed, DarkGreen, DarkBlue, DarkMagenta, DarkYellow, DarkCyan][position % 6]
 }
 
-/// Number of decimals that distinguishes values on a scale of this length.
 pub(super) fn decimals(length: f64) -> usize {
     (2.0 - length.log10().floor()).clamp(0.0, 6.0) as usize
 }
 
-/// A round number without trailing zeros.
 fn short(value: f64) -> String {
     let text = format!("{value:.6}");
     let text = text.trim_end_matches('0').trim_end_matches('.');
@@ -342,8 +333,7 @@ mod tests {
     use live_view::{ErrorPoint, GuidePhase, LiveRow};
     use shell_data::wrench::Axes;
 
-    /// A model with a push to the right and a stroke upwards, one channel out of range, one saturated, and a
-    /// mark.
+    /// A model with a push to the right and a stroke upwards, one channel out of range, one saturated, and a mark.
     fn model(forces: bool) -> LiveModel {
         let ranges = Some(vec![ReadingRange { min: 1000.0, max: 3000.0 }; 8]);
         let mut model = LiveModel::new(ranges, 10.0, Axes::ALL);
@@ -470,7 +460,6 @@ mod tests {
         assert!(screen(&model, (40, 10), false, true).contains("60 x 14"));
     }
 
-    /// Only the names are cut, and their ends are kept.
     #[test]
     fn long_paths_do_not_hide_the_state() {
         let model = model(false);

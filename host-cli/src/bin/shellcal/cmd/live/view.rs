@@ -1,5 +1,4 @@
-//! The live view in the terminal, which draws and takes keys, and in browsers, which receive a page and
-//! pictures.
+//! The live view in the terminal, which draws and takes keys, and in browsers, which receive a page and pictures.
 
 use std::io::{self, Write};
 use std::net::{IpAddr, SocketAddr, UdpSocket};
@@ -34,7 +33,6 @@ pub(super) fn is_utf8() -> bool {
         || locale.is_some_and(|locale| locale.to_lowercase().replace('-', "").contains("utf8"))
 }
 
-/// The terminal during drawing; restored when dropped.
 struct RawTerminal {
     shown: CellGrid,
 }
@@ -46,7 +44,6 @@ impl RawTerminal {
         Ok(Self { shown: CellGrid::new((0, 0)) })
     }
 
-    /// Draws the screen, and writes the changed lines in one piece.
     fn show(&mut self, screen: &LiveScreen<'_>) -> io::Result<()> {
         // A console on a serial port reports zero columns and rows.
         let size = match terminal::size()? {
@@ -76,7 +73,6 @@ impl Drop for RawTerminal {
     }
 }
 
-/// Runs the view until a key, a signal or the end of the source ends it.
 pub(super) fn run<G: LoadGuide>(
     session: &mut LiveSession<G>,
     ascii: bool,
@@ -141,7 +137,6 @@ const CONNECT: &str = include_str!("../../../../../assets/live/connect.js");
 /// Default address: this machine only, on a free port.
 pub(super) const LOOPBACK: &str = "127.0.0.1:0";
 
-/// Starts a server for browsers; also returns the address to open.
 pub(super) fn serve(at: SocketAddr) -> anyhow::Result<(Server, String)> {
     let (token, nonce) = (random()?, random()?);
     let page = PAGE.replace("{style}", STYLE).replace("{view}", VIEW);
@@ -157,7 +152,6 @@ pub(super) fn serve(at: SocketAddr) -> anyhow::Result<(Server, String)> {
     Ok((server, format!("http://{address}/?token={token}")))
 }
 
-/// Runs the view in a browser until a signal or the end of the source ends it.
 pub(super) fn run_in_browser<G: LoadGuide>(
     session: &mut LiveSession<G>,
     server: Server,

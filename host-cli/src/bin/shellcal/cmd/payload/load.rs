@@ -47,7 +47,6 @@ pub(in crate::cmd) struct MotionColumnArgs {
     gravity: Option<f64>,
 }
 
-/// Parser for a kind of orientation by its name.
 fn orientation() -> impl TypedValueParser<Value = Orientation> {
     one_of(&[
         ("gravity", "gravity in the sensor's frame", Orientation::Gravity),
@@ -91,14 +90,12 @@ impl MotionColumnArgs {
 }
 
 impl MotionArgs {
-    /// True if an option on motion was given.
     pub(in crate::cmd) fn is_given(&self) -> bool {
         let of = &self.columns;
         let columns = [&of.orientation, &of.accelerations, &of.angular_velocity];
         self.motion.is_some() || columns.iter().any(|of| of.is_some())
     }
 
-    /// The load that the sensor carried while `log` was recorded.
     pub(in crate::cmd) fn load(
         &self,
         file: &PayloadFile,
@@ -126,7 +123,6 @@ impl MotionArgs {
         Ok(CarriedLoad { payload, motion: motion.earlier_by(lag_s), inertia, rescaled, lag })
     }
 
-    /// Reports the load that was subtracted.
     pub(in crate::cmd) fn report(&self, printer: &Printer, log: &Log, summary: &ConvertSummary) {
         let Some(load) = &summary.load else { return };
         let path = log.path().display();

@@ -105,7 +105,6 @@ impl PayloadFitArgs {
     }
 }
 
-/// Prints the ten parameters with their standard errors.
 fn print(printer: &Printer, fit: &PayloadFit) {
     let (payload, errors) = (&fit.payload, &fit.standard_errors);
     let row = |name: String, value: f64, error: f64, decimals: usize| {
@@ -130,7 +129,6 @@ fn print(printer: &Printer, fit: &PayloadFit) {
     ))
 }
 
-/// Prints how the payload was found, and possible shortcomings.
 fn say(printer: &Printer, found: &FittedPayload) {
     let FittedPayload { fit, accelerometer, gravity_from, is_grouped, skipped_rows, .. } = found;
     let (forces, weight_n) = (found.forces_left, fit.payload.mass_kg * fit.gravity_m_s2);
@@ -189,7 +187,6 @@ fn say(printer: &Printer, found: &FittedPayload) {
     }
 }
 
-/// Channels of a wrench.
 const AXES: usize = Axis::ALL.len();
 
 #[derive(Debug, clap::Args)]

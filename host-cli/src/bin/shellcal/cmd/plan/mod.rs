@@ -17,7 +17,6 @@ use crate::cmd::choices::numbers;
 use crate::files::{InputPath, OutputPath, read_text};
 use crate::printer::Printer;
 
-/// Headings in help.
 const RIG: &str = "What the rig can do";
 
 /// Number of loads of a plan without a limit.
@@ -106,10 +105,8 @@ pub(crate) struct UntilArg {
 /// Error limits that end a plan: of forces in N and of moments in N·m.
 pub(crate) type PlanLimits = [Option<f64>; 2];
 
-/// Loads in their order, and the knowledge before them.
 struct LoadPlan {
     table: HungLoads,
-    /// Number of recorded poses.
     recorded: usize,
     criterion: &'static str,
     before: PredictedError,
@@ -219,10 +216,7 @@ fn parse_limits(text: &str) -> Result<PlanLimits, String> {
 }
 
 impl RigArgs {
-    /// The loads that the rig can do.
-    ///
-    /// # Errors
-    /// None are given, or too many, or the table cannot be read.
+    /// The loads that the rig can do. Fails if none are given, or too many, or the table cannot be read.
     pub(crate) fn table(&self) -> anyhow::Result<HungLoads> {
         if let Some(path) = &self.rig {
             return read_table(path);
@@ -239,7 +233,6 @@ impl RigArgs {
     }
 }
 
-/// Reads a table of loads.
 pub(crate) fn read_table(path: &InputPath) -> anyhow::Result<HungLoads> {
     HungLoads::parse(&read_text(path)?).with_context(|| format!("`{}`", path.display()))
 }

@@ -20,7 +20,6 @@ fn error(of: PredictedError) -> impl Serialize {
 }
 
 impl LoadPlan {
-    /// The output of `--json`.
     pub(super) fn document(&self) -> impl Serialize {
         let loads = self.table.loads();
         let load = |(step, planned): (usize, &PlannedLoad)| {
@@ -58,12 +57,10 @@ impl LoadPlan {
         self.error_after().is_within(force_n, moment_nm)
     }
 
-    /// The error after all loads of the plan.
     fn error_after(&self) -> PredictedError {
         self.order.last().map_or(self.before, |last| last.error)
     }
 
-    /// The loads in their order, with their expected effects.
     pub(super) fn csv(&self) -> String {
         let lines: Vec<usize> = self.order.iter().map(|planned| planned.candidate).collect();
         let column = |name: &str, of: &dyn Fn(&PlannedLoad) -> String| {
@@ -114,7 +111,6 @@ impl LoadPlan {
         }
     }
 
-    /// Conclusions on the end of the plan, and on the axes that it separates.
     fn conclusions(&self) -> Vec<String> {
         let mut said = Vec::new();
         let size = |error: PredictedError| {
@@ -162,7 +158,6 @@ impl LoadPlan {
         said
     }
 
-    /// Predicted error against poses.
     pub(super) fn figure(&self, size: Size) -> Figure {
         let errors = std::iter::once(self.before).chain(self.order.iter().map(|of| of.error));
         let largest = |axis: Axis| {
@@ -194,7 +189,6 @@ impl LoadPlan {
     }
 }
 
-/// Errors against poses.
 pub(super) fn chart(title: &str, quantity: &str, spacing: Spacing, series: Vec<Series>) -> Chart {
     let range = |of: fn(&(f64, f64)) -> f64| {
         let values = series.iter().flat_map(|series| series.points.iter().map(of));
@@ -211,7 +205,6 @@ pub(super) fn chart(title: &str, quantity: &str, spacing: Spacing, series: Vec<S
     }
 }
 
-/// The largest force and moment, or the single relative error.
 fn errors_of(error: PredictedError) -> Vec<String> {
     match error {
         PredictedError::Wrench(errors) => {

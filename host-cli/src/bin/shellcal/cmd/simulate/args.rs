@@ -68,7 +68,6 @@ pub(crate) struct SimulateArgs {
 }
 
 impl SimulateArgs {
-    /// The set-up of every channel, in the order given.
     pub(super) fn setups(&self) -> Vec<Setup> {
         let base = self.setup();
         let of_deflection = |depth_m: &f64| {
@@ -163,7 +162,6 @@ fn dimension_units(dimension: Dimension) -> &'static [(&'static str, Option<i32>
     }
 }
 
-/// Parses a length.
 fn length(text: &str) -> Result<f64, String> {
     quantity(text, Dimension::Length)
 }

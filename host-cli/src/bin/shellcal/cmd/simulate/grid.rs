@@ -11,7 +11,6 @@ use super::args::SimulateArgs;
 use crate::printer::Printer;
 use crate::tables::or_dash;
 
-/// Maximum number of combinations.
 const MOST_CELLS: f64 = 1e8;
 
 impl SimulateArgs {
@@ -96,7 +95,6 @@ fn rounded(value: f64) -> String {
     text.parse::<f64>().map_or(text, |value| value.to_string())
 }
 
-/// The output of `--json` for a combination.
 fn report<'a>(names: &'a [String], cell: GridCell) -> impl Serialize + use<'a> {
     document! {
         parameters: names.iter().zip(cell.values).collect::<BTreeMap<_, _>>(),

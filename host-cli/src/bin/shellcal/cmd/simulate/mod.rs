@@ -24,7 +24,6 @@ const MARGIN_M: f64 = 0.01;
 /// Distance between positions of a sweep, m.
 const STEP_M: f64 = 0.001;
 
-/// Maximum number of positions of a sweep.
 const MOST_POSITIONS: f64 = 1e9;
 
 impl SimulateArgs {
@@ -73,7 +72,6 @@ impl SimulateArgs {
         printer.finish(&document, |printer| report::print_channels(printer, &summaries))
     }
 
-    /// The positions of the sweep, common to all channels.
     fn course(&self, models: &[Model]) -> anyhow::Result<Course> {
         let channel = self.setup().channel;
         let row = [0.0, channel.pitch_m * f64::from(channel.beams - 1)];
@@ -91,12 +89,10 @@ impl SimulateArgs {
     }
 }
 
-/// The model of a channel; an error names the channel.
 fn model(setup: &Setup) -> anyhow::Result<Model> {
     Model::new(setup).with_context(|| format!("a channel {} cm wide", cm(setup.channel.width_m)))
 }
 
-/// Writes the rows of all channels.
 fn write_sweep(
     file: &mut AtomicFile,
     models: &[Model],

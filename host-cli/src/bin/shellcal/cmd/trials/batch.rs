@@ -189,7 +189,6 @@ struct ResultArgs {
     figure_format: Vec<Format>,
 }
 
-/// Formats of figures.
 const FORMATS: [(&str, &str, Format); 3] = [
     ("svg", "Scalable, for print", Format::Svg),
     ("pdf", "Scalable, with its letters, for LaTeX and Word", Format::Pdf),
@@ -210,7 +209,6 @@ impl ResultArgs {
         Ok(())
     }
 
-    /// The directory of figures, created if it does not exist.
     fn figure_folder<'a>(
         &'a self,
         printer: &'a Printer,
@@ -221,7 +219,6 @@ impl ResultArgs {
         Ok(Some(FigureFolder { outputs, directory, formats, size }))
     }
 
-    /// The extent of the trace that the outputs need.
     fn trace_extent(&self) -> TraceExtent {
         match &self.traces {
             _ if self.figures.is_some() => TraceExtent::Log,
@@ -230,7 +227,6 @@ impl ResultArgs {
         }
     }
 
-    /// Writes figures and trace of a trial, and drops the trace.
     fn write_trial(
         &self,
         printer: &Printer,
@@ -254,7 +250,6 @@ impl ResultArgs {
         Ok(())
     }
 
-    /// Writes the tables.
     fn write_tables(
         &self,
         printer: &Printer,

@@ -1,5 +1,4 @@
-//! Options of every command that evaluates trials, reading of manifests, and the evaluation of all their
-//! trials.
+//! Options of every command that evaluates trials, reading of manifests, and the evaluation of all their trials.
 
 use std::path::Path;
 
@@ -68,7 +67,6 @@ pub(crate) struct EvaluationArgs {
     pub(super) mapping: MappingArgs,
 }
 
-/// Inputs and options of the evaluation of trials.
 pub(super) struct Equipment {
     pub(super) profile: Profile,
     pub(super) calibration: Option<CalibrationFile>,
@@ -78,7 +76,6 @@ pub(super) struct Equipment {
 }
 
 impl EvaluationArgs {
-    /// Reads profile and calibration.
     pub(super) fn equipment(&self, trace: TraceExtent) -> anyhow::Result<Equipment> {
         let calibration =
             self.calibration.as_ref().map(|path| self.edited.read(path)).transpose()?;
@@ -115,19 +112,16 @@ impl Equipment {
         Instrument { profile: &self.profile, calibration }
     }
 
-    /// The evaluation job of a log.
     pub(super) fn job<'a>(&'a self, log: &'a Log) -> TrialJob<'a> {
         TrialJob { log, instrument: self.instrument(), options: self.options, read: self.read }
     }
 
-    /// Notes how forces are made, if there are any.
     pub(super) fn note_forces(&self, printer: &Printer) {
         if self.calibration.is_some() {
             printer.note(describe_forces(&self.options.forces));
         }
     }
 
-    /// Options of the evaluation of all trials of a manifest.
     pub(super) fn batch_options(&self) -> BatchOptions<'_> {
         BatchOptions {
             trial: self.options,
@@ -191,7 +185,6 @@ pub(super) fn check_reference(manifest: &Manifest, reference: Option<&str>) -> a
     require_condition("trial", entries.map(|entry| &*entry.trial.condition), reference)
 }
 
-/// Checks that one of the `conditions` is the `reference`, if there is one.
 pub(super) fn require_condition<'a>(
     what: &str,
     conditions: impl Iterator<Item = &'a str>,
@@ -206,7 +199,6 @@ pub(super) fn require_condition<'a>(
     bail!("no {what} has the condition `{reference}` of `--reference`{hint}")
 }
 
-/// The directory that the logs of a manifest are relative to.
 pub(super) fn folder(path: &Path) -> &Path {
     path.parent().unwrap_or(Path::new(""))
 }

@@ -1,5 +1,4 @@
-//! `shellcal report`: a batch of trials as one HTML file, or a certificate of a calibration on one page to
-//! print.
+//! `shellcal report`: a batch of trials as one HTML file, or a certificate of a calibration on one page to print.
 
 use std::path::Path;
 
@@ -134,7 +133,6 @@ impl ReportArgs {
         Ok(outcome)
     }
 
-    /// Writes the certificate of a calibration.
     fn certify(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let (path, args, output) = (&self.manifest, &self.evaluation, &self.output);
         let out = printer.files.create(output)?;

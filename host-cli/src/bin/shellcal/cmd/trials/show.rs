@@ -8,7 +8,6 @@ use trial::{
 use crate::printer::{Printer, TableColumn};
 use crate::tables::{or_dash, shown};
 
-/// Prints one row per trial.
 pub(super) fn trials(printer: &Printer, results: &[&TrialResult]) {
     let columns: [TableColumn<'_, &TrialRow>; 11] = [
         ("trial", &|row| row.file.clone()),
@@ -28,7 +27,6 @@ pub(super) fn trials(printer: &Printer, results: &[&TrialResult]) {
     printer.records(&columns, results.iter().map(|result| &result.row))
 }
 
-/// Prints one row per stride.
 pub(super) fn strides(printer: &Printer, strides: &[StrideRow]) {
     let columns: [TableColumn<'_, &StrideRow>; 8] = [
         ("stride", &|row| row.stride.to_string()),
@@ -68,7 +66,6 @@ pub(super) fn conditions(printer: &Printer, rows: &[ConditionRow]) {
     }
 }
 
-/// The numbers of a condition.
 pub(super) type ConditionNumbers<'a> = (&'a str, &'a Statistics, Option<&'a MeanDifference>);
 
 /// Prints the numbers of some conditions, times `factor`.
@@ -92,7 +89,6 @@ pub(super) fn statistics(printer: &Printer, rows: &[ConditionNumbers<'_>], facto
         (&name, &|(.., difference)| value(difference.map(|of| of.mean))),
         ("95 % CI", &|(.., difference)| interval(difference.and_then(|of| of.mean_95))),
     ];
-    // The last two columns need a reference.
     let shown = if reference.is_some() { columns.len() } else { columns.len() - 2 };
     printer.records(&columns[..shown], rows)
 }

@@ -8,11 +8,9 @@ use trial::{GOOD_CONFIDENCE, NoWindow, Proposal, TraceExtent};
 use super::trial::TrialArgs;
 use crate::printer::{Outcome, Printer, TableColumn};
 
-/// The window of a log, or the reason why there is none.
 type LogWindow = (String, Result<Proposal, NoWindow>);
 
 impl TrialArgs {
-    /// Proposes a window for each log.
     pub(super) fn propose(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let mut equipment = self.evaluation.equipment(TraceExtent::Log)?;
         // Windows are found without a delay, whatever the options.
@@ -37,7 +35,6 @@ impl TrialArgs {
             document! {
                 log,
                 ..proposal: proposal.as_ref().ok(),
-                // True if it can be used without inspection.
                 good: proposal.as_ref().is_ok_and(Proposal::is_good),
                 // The reason why no window was found.
                 reason: proposal.as_ref().err().map(NoWindow::to_string),
