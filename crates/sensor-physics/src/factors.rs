@@ -10,6 +10,7 @@
 //! It alternates with Levenberg-Marquardt steps over all parameters, on residuals whitened by V.
 
 use super::cholesky::{Cholesky, identity};
+use super::damping::Damping;
 use super::expectation::{expect, maximise};
 use super::fit::{FittedParameters, Scaled, common_prior, sensors};
 use super::response::{
@@ -45,7 +46,7 @@ struct Joint<'a> {
     fitted: FittedParameters,
     /// The first columns of the loadings are in use.
     count: usize,
-    damping: f64,
+    damping: Damping,
 }
 
 /// `F⁻¹·L/v` of each sensor and row, with `L = D·C` and `F·Fᵀ = I + LᵀL/v`, at the slopes with which a round begins.
@@ -66,7 +67,7 @@ impl<'a> Joint<'a> {
             width,
             fitted: start.clone(),
             count: factor_count(&start.loadings),
-            damping: 1e-2,
+            damping: Damping::default(),
         }
     }
 
@@ -161,18 +162,17 @@ impl<'a> Joint<'a> {
         for _ in 0..STEPS {
             let mut damped = at.curvature.clone();
             for i in 0..damped.size {
-                damped.row_mut(i)[0] *= 1.0 + self.damping;
+                damped.row_mut(i)[0] *= self.damping.scale();
             }
-            let Some(factor) = damped.cholesky() else { break };
-            let step = factor.solve(at.descent.clone());
-            let mut next = self.fitted.parameters.clone();
-            move_by(&mut next, &step);
-            let there = self.equations(&next, whitening, prior);
-            let better = there.cost < at.cost;
-            if better {
-                (self.fitted.parameters, at) = (next, there);
+            let next = damped.cholesky().map(|factor| {
+                let mut next = self.fitted.parameters.clone();
+                move_by(&mut next, &factor.solve(at.descent.clone()));
+                let there = self.equations(&next, whitening, prior);
+                (next, there)
+            });
+            if let Some(next) = self.damping.accept(next, |(_, next)| next.cost < at.cost) {
+                (self.fitted.parameters, at) = next;
             }
-            self.damping = (self.damping * if better { 0.2 } else { 5.0 }).clamp(1e-12, 1e8);
         }
         if let Some(factor) = at.curvature.cholesky() {
             let inverse = factor.inverse();

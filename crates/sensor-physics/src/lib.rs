@@ -19,6 +19,7 @@
 mod calibration;
 mod choice;
 pub mod cholesky;
+mod damping;
 mod expectation;
 mod factors;
 mod fit;

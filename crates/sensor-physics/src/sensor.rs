@@ -14,6 +14,7 @@
 use pulp::Simd;
 
 use super::cholesky::Cholesky;
+use super::damping::Damping;
 use super::lanes::{Answers, Lanes, MOST_LANES, linear, quadratic_form};
 use super::noise::Residuals;
 use super::response::{PARAMETERS, Parameters, SHAPE, displacement, move_by};
@@ -51,12 +52,12 @@ impl Prior {
 #[derive(Clone, Debug)]
 pub(super) struct ParameterEstimate {
     pub(super) parameters: Parameters,
-    damping: f64,
+    damping: Damping,
 }
 
 impl ParameterEstimate {
     pub(super) fn at(parameters: Parameters) -> Self {
-        Self { parameters, damping: 1e-2 }
+        Self { parameters, damping: Damping::default() }
     }
 }
 
@@ -77,24 +78,22 @@ impl Data<'_> {
         prior: &Prior,
         steps: usize,
     ) -> f64 {
-        let curve = curve_at(&estimate.parameters, self);
-        let mut cost = self.cost_along(&curve, &estimate.parameters, prior);
+        let ParameterEstimate { parameters, damping } = estimate;
+        let cost = |p: &Parameters| self.cost_along(&curve_at(p, self), p, prior);
+        let mut at = cost(parameters);
         for _ in 0..steps {
-            let mut damped = cost.information;
-            (0..PARAMETERS).for_each(|i| damped[i][i] *= 1.0 + estimate.damping);
-            let mut next = estimate.parameters;
-            if let Some(factor) = Cholesky::new(&damped) {
-                move_by([&mut next], &factor.solve(&cost.descent));
+            let mut damped = at.information;
+            (0..PARAMETERS).for_each(|i| damped[i][i] *= damping.scale());
+            let next = Cholesky::new(&damped).map(|factor| {
+                let mut next = *parameters;
+                move_by([&mut next], &factor.solve(&at.descent));
+                (next, cost(&next))
+            });
+            if let Some(next) = damping.accept(next, |(_, next)| next.value < at.value) {
+                (*parameters, at) = next;
             }
-            let next_cost = self.cost_along(&curve_at(&next, self), &next, prior);
-            let better = next_cost.value < cost.value;
-            if better {
-                (estimate.parameters, cost) = (next, next_cost);
-            }
-            let factor = if better { 0.2 } else { 5.0 };
-            estimate.damping = (estimate.damping * factor).clamp(1e-12, 1e8);
         }
-        cost.value
+        at.value
     }
 
     pub(super) fn cost_along(&self, curve: &Curve, p: &Parameters, prior: &Prior) -> Cost {

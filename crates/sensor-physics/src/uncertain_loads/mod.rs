@@ -20,6 +20,7 @@ use self::equations::{Eliminated, LoadEquations, Row};
 pub use self::load::{LoadQuantity, StatedLoad};
 use self::load::{OWN, SHARED};
 use super::PhysicsError;
+use super::damping::Damping;
 use super::fit::{Observation, Scaled, Scales, common_prior, fit};
 use super::noise::{Noise, Residuals};
 use super::response::{Answer, PARAMETERS, Parameters, move_by};
@@ -99,7 +100,7 @@ pub fn correct_loads(
             offsets: vec![[0.0; SHARED]; mountings],
         },
         noise: start.noise,
-        damping: 1e-2,
+        damping: Damping::default(),
     };
     let at = search.rounds();
     Ok(search.outcome(&at))
@@ -120,7 +121,7 @@ struct LoadSearch<'a> {
     mounting_m: f64,
     at: Unknowns,
     noise: Noise,
-    damping: f64,
+    damping: Damping,
 }
 
 struct FixedWeights {
@@ -147,17 +148,13 @@ impl LoadSearch<'_> {
     }
 
     fn step(&mut self, at: &mut LoadEquations, weights: &FixedWeights) {
-        let more = 1.0 + self.damping;
-        let Some((reduced, descent, eliminated)) = at.reduced(more) else { return };
-        let next = reduced.cholesky().map(|factor| {
-            let step = factor.solve(descent);
-            self.moved(&step, at, &eliminated)
+        let next = at.reduced(self.damping.scale()).and_then(|(reduced, descent, eliminated)| {
+            let step = reduced.cholesky()?.solve(descent);
+            let next = self.moved(&step, at, &eliminated);
+            Some((self.equations(&next, weights), next))
         });
-        let there = next.map(|next| (self.equations(&next, weights), next));
-        let better = there.filter(|(there, _)| there.cost < at.cost);
-        self.damping = (self.damping * if better.is_some() { 0.2 } else { 5.0 }).clamp(1e-9, 1e8);
-        if let Some((there, next)) = better {
-            (*at, self.at) = (there, next);
+        if let Some(next) = self.damping.accept(next, |(next, _)| next.cost < at.cost) {
+            (*at, self.at) = next;
         }
     }
 
