@@ -1,7 +1,6 @@
 //! Checks of rows in memory, before a calibration is fitted to them or tested on them.
 
 use std::collections::HashMap;
-use std::hash::{DefaultHasher, Hash, Hasher};
 use std::ops::Range;
 
 use log_file::summary::LogSummary;
@@ -26,6 +25,9 @@ const ENTRIES: usize = 3;
 /// Consecutive rows of a copy, and how many of them must differ from the previous row.
 const WINDOW: usize = 16;
 const DISTINCT: usize = 8;
+
+/// Odd, with bits in no order: 2⁶⁴ divided by the golden ratio.
+const MULTIPLIER: u64 = 0x9E37_79B9_7F4A_7C15;
 
 /// Maximum rows checked; of a longer log only every second, third, … block.
 const MOST_ROWS: u64 = 200_000;
@@ -143,22 +145,21 @@ fn others_move(looked: &Looked<'_>, stopped: usize, rows: Range<usize>) -> bool 
 }
 
 fn rows_twice(looked: &Looked<'_>) -> Option<Finding> {
-    let mut hashes = Vec::new();
-    for (_, block) in looked {
-        for row in 0..block.rows.rows {
-            let mut hasher = DefaultHasher::new();
-            let columns = block.rows.channels().iter().chain(&block.rows.wrench);
-            columns.for_each(|column| column[row].to_bits().hash(&mut hasher));
-            hashes.push(hasher.finish());
-        }
+    let hashes = row_hashes(looked);
+    // Of the rows before each: how many differ from their previous row, and a hash of all. A window has the
+    // difference of two of them, without a look at its rows.
+    let (mut distinct, mut hashed) = (vec![0], vec![0_u64]);
+    let mut power = 1_u64;
+    (0..WINDOW).for_each(|_| power = power.wrapping_mul(MULTIPLIER));
+    for (row, hash) in hashes.iter().enumerate() {
+        let is_new = row > 0 && *hash != hashes[row - 1];
+        distinct.push(distinct[row] + usize::from(is_new));
+        hashed.push(hashed[row].wrapping_mul(MULTIPLIER).wrapping_add(*hash));
     }
-    let is_new: Vec<bool> =
-        (0..hashes.len()).map(|row| row > 0 && hashes[row] != hashes[row - 1]).collect();
     let window = |start: usize| {
-        let rows = start..start + WINDOW;
-        let distinct = is_new[rows.clone()].iter().filter(|new| **new).count();
-        let key = rows.fold(0_u64, |key, row| key.rotate_left(7).wrapping_mul(31) ^ hashes[row]);
-        (distinct >= DISTINCT).then_some(key)
+        let end = start + WINDOW;
+        (distinct[end] - distinct[start] >= DISTINCT)
+            .then(|| hashed[end].wrapping_sub(hashed[start].wrapping_mul(power)))
     };
     let starts = || 0..(hashes.len() + 1).saturating_sub(WINDOW);
     let mut known: HashMap<u64, usize> = HashMap::new();
@@ -181,6 +182,21 @@ fn rows_twice(looked: &Looked<'_>) -> Option<Finding> {
     );
     let advice = "leave the copies out: they make errors seem smaller than they are";
     Some(Finding::fault("rows-twice", seen, advice))
+}
+
+/// Returns a hash per row, a multiply-rotate one over its columns: nobody gains by rows of equal hashes.
+fn row_hashes(looked: &Looked<'_>) -> Vec<u64> {
+    let mut all = Vec::new();
+    for (_, block) in looked {
+        let start = all.len();
+        all.resize(start + block.rows.rows, 0_u64);
+        for column in block.rows.channels().iter().chain(&block.rows.wrench) {
+            for (hash, value) in all[start..].iter_mut().zip(column) {
+                *hash = (hash.rotate_left(26) ^ value.to_bits()).wrapping_mul(MULTIPLIER);
+            }
+        }
+    }
+    all
 }
 
 #[cfg(test)]

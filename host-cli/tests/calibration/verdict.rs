@@ -96,7 +96,7 @@ fn eval_has_the_screen_and_the_words_of_fit() {
     // A long path begins a line of its own.
     let said = text.replace('\n', " ");
     assert!(said.starts_with("NOT KNOWN: the error on new loads, `"), "{text}");
-    assert!(text.contains("was used for the fit"), "{text}");
+    assert!(said.contains("was used for the fit"), "{text}");
 
     let swapped = fs::read_to_string(&test).unwrap().replacen("fx_n,fy_n", "fy_n,fx_n", 1);
     fs::write(dir.path().join("swapped.csv"), swapped).unwrap();
