@@ -43,9 +43,9 @@ pub struct ForceStream {
 
 impl ForcePipeline {
     /// Adds a stationary interval during recording, if the tare follows them.
-    pub fn follow(&mut self, calibration: &Calibration, rest: &StationaryInterval) {
+    pub fn follow(&mut self, calibration: &Calibration, stationary: &StationaryInterval) {
         if let Some(zeros) = &mut self.zeros {
-            zeros.add(calibration, rest);
+            zeros.add(calibration, stationary);
         }
     }
 
@@ -222,9 +222,9 @@ impl PipelineSetup {
         };
         match Butterworth::low_pass(low_pass.order, low_pass.cutoff_hz, clock.rate_hz) {
             Ok(design) => {
-                let at_rest = self.options.tare != TareRule::Untared;
+                let starts_at_zero = self.options.tare != TareRule::Untared;
                 let applied = AppliedLowPass { low_pass, rate_hz: clock.rate_hz };
-                Ok(Some((applied, BlockPlan::new(design, low_pass.zero_phase, at_rest))))
+                Ok(Some((applied, BlockPlan::new(design, low_pass.zero_phase, starts_at_zero))))
             }
             Err(_) if optional => Ok(None),
             Err(error) => Err(error.into()),

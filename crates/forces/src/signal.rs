@@ -17,7 +17,7 @@ pub(super) struct BlockPlan {
     zero_phase: bool,
     /// Starts a causal filter at zero, as the lab's `lfilter` did after taring, rather than settled
     /// at the first value.
-    at_rest: bool,
+    starts_at_zero: bool,
     /// Slots after which the filter has forgotten the past; a longer gap is a pause.
     memory: u64,
 }
@@ -31,9 +31,9 @@ pub(super) struct SignalFilter {
 }
 
 impl BlockPlan {
-    pub(super) fn new(design: Butterworth, zero_phase: bool, at_rest: bool) -> Self {
+    pub(super) fn new(design: Butterworth, zero_phase: bool, starts_at_zero: bool) -> Self {
         let memory = design.memory(FORGOTTEN).max(design.zero_phase_reach() + 1) as u64;
-        Self { design, zero_phase, at_rest, memory }
+        Self { design, zero_phase, starts_at_zero, memory }
     }
 
     fn block(&self, slot: u64) -> u64 {
@@ -77,7 +77,7 @@ impl BlockPlan {
     }
 
     fn started(&self, slot: u64, value: f64) -> Filter {
-        Filter::settled(&self.design, if self.at_rest && slot == 0 { 0.0 } else { value })
+        Filter::settled(&self.design, if self.starts_at_zero && slot == 0 { 0.0 } else { value })
     }
 }
 

@@ -15,6 +15,6 @@ mod model;
 #[allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "serves a page")]
 pub mod web;
 
-pub use guide::{ErrorPoint, Guide, GuidePhase, GuideView, GuidedLoad, HOLD_S, LoadGuide, Rest};
+pub use guide::{ErrorPoint, Guide, GuidePhase, GuideView, GuidedLoad, LoadGuide, UnloadedValues};
 pub use history::{History, LiveRow};
 pub use model::{ChannelState, ChannelView, LiveModel, Mark, Picture, TraceView};

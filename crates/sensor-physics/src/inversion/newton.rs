@@ -11,7 +11,7 @@ use crate::lanes::{Answers, Lanes, MOST_LANES, linear, quadratic_form};
 const STEPS: usize = 16;
 
 /// Limit of convergence: squared length of a step, in standard errors.
-const REST: f64 = 1e-6;
+const SETTLED: f64 = 1e-6;
 
 const HALVINGS: f64 = 4.0;
 
@@ -136,16 +136,16 @@ impl Inversion {
             state.take(taken, &next, self.sensors.len());
             before = before.replaced(taken, by_new);
             let (next_step, length) = self.step(&next);
-            let rests = zero.replaced(length.is_below(REST), down);
-            let is_resting = rests.is_positive();
+            let settled = zero.replaced(length.is_below(SETTLED), down);
+            let is_settled = settled.is_positive();
             for axis in 0..N {
-                rest[axis] = rest[axis].replaced(is_resting, next_step[axis]);
+                rest[axis] = rest[axis].replaced(is_settled, next_step[axis]);
                 step[axis] = (step[axis] * 0.5).replaced(taken, next_step[axis]);
             }
-            converged = converged + rests;
+            converged = converged + settled;
             halvings = (halvings + 1.0).replaced(taken, zero);
             let may_halve = halvings.is_below(HALVINGS);
-            active = zero.replaced(may_halve, active - rests);
+            active = zero.replaced(may_halve, active - settled);
             if simd.reduce_max_f64s(active.1) <= 0.0 {
                 break;
             }

@@ -24,7 +24,7 @@ const STEPS: usize = 4;
 
 /// Convergence limit of the squared step length: a hundredth of a standard error. The last step is
 /// taken, so the remaining error is smaller.
-const REST: f32 = 1e-4;
+const SETTLED: f32 = 1e-4;
 
 /// Squared step length in standard errors below which the variances are not recomputed: they are
 /// half of the work, and the weights hardly change.
@@ -105,7 +105,7 @@ impl<'a> ScaledFrame<'a> {
         let mut sum = state.sum(&state.points);
         let mut halvings = 0;
         let (mut step, mut length) = match self.step(&state) {
-            Some((step, length)) if length >= REST => (step, length),
+            Some((step, length)) if length >= SETTLED => (step, length),
             other => return moved(&state.x, &other.unwrap_or_default().0),
         };
         for left in (0..STEPS).rev() {
@@ -122,7 +122,7 @@ impl<'a> ScaledFrame<'a> {
                 sum = state.sum(&state.points);
                 halvings = 0;
                 match self.step(&state) {
-                    Some(next) if next.1 >= REST => (step, length) = next,
+                    Some(next) if next.1 >= SETTLED => (step, length) = next,
                     other => return moved(&state.x, &other.unwrap_or_default().0),
                 }
             } else {

@@ -36,7 +36,7 @@ pub enum SittingFault {
         /// Load by the readings.
         found: f64,
     },
-    /// The reference moved while the readings stood still: during a load, or between loads at rest.
+    /// The reference moved while the readings stood still: during a load, or without a load between two loads.
     Reference {
         axis: Axis,
         by: f64,

@@ -86,7 +86,7 @@ impl LiveScreen<'_> {
         }
         let filled = (held * BAR as f64).round() as usize;
         let what = match phase {
-            GuidePhase::Rest => "leave the sensor unloaded".to_owned(),
+            GuidePhase::Unloaded => "leave the sensor unloaded".to_owned(),
             GuidePhase::Hang => "hang it".to_owned(),
             GuidePhase::Hold => {
                 format!("hold still {}{}", "#".repeat(filled), ".".repeat(BAR - filled))
