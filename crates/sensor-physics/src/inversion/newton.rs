@@ -5,7 +5,7 @@ use pulp::{Simd, WithSimd};
 use super::{Estimates, Flags, Inversion, Ready};
 use crate::cholesky::LaneCholesky;
 use crate::fit::MOST_CHANNELS;
-use crate::lanes::{Answers, Lanes, MOST_LANES, linear, quadratic_form};
+use crate::lanes::{LaneResponse, Lanes, MOST_LANES, linear, quadratic_form};
 
 /// Largest number of steps, including halved ones; five or six are usual.
 const STEPS: usize = 16;
@@ -188,12 +188,13 @@ impl Inversion {
         let mut state =
             LaneState { x: *x, residual: zeros, slope: zeros, weight: zeros, held_back: zero };
         for (position, sensor) in self.sensors.iter().enumerate() {
-            let answers = Answers::at(linear(sensor.offset, &sensor.gains, x), sensor.h, sensor.nu);
-            let noise = self.model.noise.variance_at(answers.slope * answers.slope);
+            let response =
+                LaneResponse::at(linear(sensor.offset, &sensor.gains, x), sensor.h, sensor.nu);
+            let noise = self.model.noise.variance_at(response.slope * response.slope);
             let triangle = sensor.covariance.iter().enumerate().map(|(i, row)| &row[..=i]);
-            let variance = noise + quadratic_form(&answers.gradient(x), triangle);
-            state.residual[position] = frames.y[position] - (answers.height + sensor.lo);
-            state.slope[position] = answers.slope;
+            let variance = noise + quadratic_form(&response.gradient(x), triangle);
+            state.residual[position] = frames.y[position] - (response.height + sensor.lo);
+            state.slope[position] = response.slope;
             state.weight[position] = frames.used[position] / variance;
         }
         for (row, &xi) in self.prior.iter().zip(x) {

@@ -141,14 +141,14 @@ impl<'a> ScaledFrame<'a> {
         let mut points = known.copied().unwrap_or_default();
         for ((sensor, y), point) in self.model.sensors.iter().zip(&self.y).zip(&mut points) {
             let Some(y) = *y else { continue };
-            let answer = CurveValue::at(sensor, inner(&sensor.gains, &x) + sensor.offset);
+            let response = CurveValue::at(sensor, inner(&sensor.gains, &x) + sensor.offset);
             let noise = self.model.reading_variance
-                + self.model.displacement_variance * answer.slope * answer.slope;
+                + self.model.displacement_variance * response.slope * response.slope;
             if known.is_none() {
-                point.from_parameters = parameter_variance(&sensor.factor, &answer, &x);
+                point.from_parameters = parameter_variance(&sensor.factor, &response, &x);
             }
-            point.residual = y - sensor.low - answer.height;
-            point.slope = answer.slope;
+            point.residual = y - sensor.low - response.height;
+            point.slope = response.slope;
             point.weight = 1.0 / (noise + point.from_parameters);
         }
         let held = product(&self.model.prior, &x);
@@ -190,8 +190,8 @@ fn inner(a: &X, b: &X) -> f32 {
 
 /// Returns `|Lᵀg|²`, the part of a response's variance from the parameters.
 #[inline(always)]
-fn parameter_variance(factor: &[f32; FACTOR], answer: &CurveValue, x: &X) -> f32 {
-    let CurveValue { height, slope, by_shape } = *answer;
+fn parameter_variance(factor: &[f32; FACTOR], response: &CurveValue, x: &X) -> f32 {
+    let CurveValue { height, slope, by_shape } = *response;
     let [fx, fy, fz, mx, my, mz] = x.map(|value| slope * value);
     let gradient = [slope, fx, fy, fz, mx, my, mz, 1.0, height, by_shape];
     let mut variance = 0.0;
@@ -243,8 +243,8 @@ mod tests {
             let sensor = &model.sensors[channel];
             let pull: f64 = sensor.gains.iter().zip(x).map(|(&gain, x)| f64::from(gain) * x).sum();
             let sigma = 1.0 / (1.0 + (-f64::from(sensor.offset) - pull).exp());
-            let answer = f64::from(sensor.height) * sigma.powf(f64::from(sensor.shape));
-            let y = f64::from(sensor.low) + answer;
+            let response = f64::from(sensor.height) * sigma.powf(f64::from(sensor.shape));
+            let y = f64::from(sensor.low) + response;
             (f64::from(sensor.least) + y / f64::from(sensor.per_count)).round() as u16
         })
     }

@@ -64,8 +64,8 @@ impl SittingFault {
             .sensors
             .iter()
             .map(|sensor| {
-                let (answer, variance) = sensor.answer(&x, &model.noise);
-                let expected = sensor.range.mul_add(answer.value, sensor.least);
+                let (response, variance) = sensor.response(&x, &model.noise);
+                let expected = sensor.range.mul_add(response.value, sensor.least);
                 let residual = (readings[sensor.channel] - expected) / sensor.range;
                 (sensor.channel, residual * residual / variance, expected)
             })
