@@ -268,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn passes_the_band_halves_the_cutoff_and_stops_the_rest() {
+    fn a_kernel_passes_the_band_halves_the_cutoff_and_stops_the_rest() {
         for db in [50.0, 80.0] {
             let kernel = Kernel::new(100.0, 0.0, db);
             // The interpolation error of the table is 5e-6.

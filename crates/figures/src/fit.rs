@@ -378,7 +378,7 @@ mod tests {
     }
 
     #[test]
-    fn three_significant_digits() {
+    fn labels_have_three_significant_digits() {
         let written = [0.11834, 12.345, 123456.0, 0.00012345, 0.0, 1.5e-7].map(significant);
         assert_eq!(written, ["0.118", "12.3", "123456", "0.000123", "0", "1.50e-7"]);
     }

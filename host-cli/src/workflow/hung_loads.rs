@@ -113,8 +113,7 @@ pub(super) fn wanted(logs: &[Log]) -> Wanted {
     }
 }
 
-/// The wanted columns of logs, labelled by load: the group column, or poses in the order
-/// of the table.
+/// The wanted columns of logs, labelled by load: the group column, or poses in the order of the table.
 pub(super) fn labelled_rows(
     logs: &[Log],
     table: &HungLoads,

@@ -383,7 +383,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reference_that_flickers_by_its_last_digit_and_twins_in_succession_part_nothing() {
+    fn a_flicker_of_the_last_digit_and_equal_loads_in_succession_part_no_pose() {
         let (time, mut wrench) = held(&ROWS, 0.0);
         let mut random = Random(3);
         for row in 0..wrench[0].len() {
@@ -403,7 +403,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clock_that_starts_anew_parts_twins() {
+    fn a_clock_that_restarts_parts_equal_loads() {
         let (mut time, wrench) = held(&[50], 0.0);
         let wrench: Vec<Vec<f64>> = wrench.iter().map(|c| c.repeat(3)).collect();
         time = time.repeat(3);

@@ -95,8 +95,8 @@ impl HeldLoad {
     }
 }
 
-/// Movement of the reference between two times without a load that one of the sensor's readings explains, as shares of the
-/// largest load and of the largest excursion: a load that is left on both moves them by similar shares.
+/// Movement of the reference between two times without a load that one of the sensor's readings explains, as
+/// shares of the largest load and of the largest excursion: a load that is left on both moves them by similar shares.
 const EXPLAINED: f64 = 2.0;
 
 /// Returns the movement of the reference between two times without a load that the sensor's readings do not explain.
