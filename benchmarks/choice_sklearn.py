@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The choice of a model with scikit-learn: five families of features and five ridges are compared by folds of stretches of
+"""The choice of a model with scikit-learn: five families of features and five ridges are compared by folds of blocks of
 time, the best is fitted to all rows and tested. For `bench.py choice`; prints the choice and its errors as JSON.
 
 usage: choice_sklearn.py TRAIN.csv TEST.csv

@@ -12,7 +12,7 @@ use board_link::{
 };
 use calibration_file::CalibrationFile;
 use forces::ForceOptions;
-use live_view::LiveModel;
+use live_view::LiveDisplay;
 use load_table::HungLoads;
 use output_file::OutputError;
 use serde::Deserialize;
@@ -150,9 +150,9 @@ impl Begin {
         let mut commands = recorder.commands(None);
         let identify = |uplink: Uplink| uplink.encode(0, None, Command::Identify);
         commands.extend(uplink.map(identify).unwrap_or_default());
-        let model = LiveModel::new(ranges, WINDOW_S, axes);
+        let display = LiveDisplay::new(ranges, WINDOW_S, axes);
         let (guide, feed_end) = (plan.as_ref().map(guide_through), feed.clone());
-        let session = LiveSession::new(model, guide, running, feed_end, Some(series), self.name);
+        let session = LiveSession::new(display, guide, running, feed_end, Some(series), self.name);
         Ok((BoardSession { recorder, session, feed, logs }, commands))
     }
 }

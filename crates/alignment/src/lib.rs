@@ -201,14 +201,14 @@ fn by_loads(reference: &Clean, board: &Clean) -> Result<(ClockMap, Quality), Ali
 fn search(reference: &Clean, board: &Clean) -> Result<(Match, (f64, f64)), AlignError> {
     let count = (board.span_s() / PROBE_S).ceil().max(1.0);
     let length_s = board.span_s() / count;
-    let stretches = (0..count as usize).map(|i| (i as f64 * length_s, (i + 1) as f64 * length_s));
+    let time_blocks = (0..count as usize).map(|i| (i as f64 * length_s, (i + 1) as f64 * length_s));
     let mut liveliest: Vec<_> =
-        stretches.map(|stretch| (activity(board, stretch), stretch)).collect();
+        time_blocks.map(|time_block| (activity(board, time_block), time_block)).collect();
     liveliest.sort_by(|a, b| b.0.total_cmp(&a.0));
     let mut refused = None;
-    for (_, stretch) in liveliest.into_iter().take(PROBES) {
-        match coarse::find_match(reference, board, stretch) {
-            Ok(found) => return Ok((found, stretch)),
+    for (_, time_block) in liveliest.into_iter().take(PROBES) {
+        match coarse::find_match(reference, board, time_block) {
+            Ok(found) => return Ok((found, time_block)),
             Err(error) => refused = refused.or(Some(error)),
         }
     }

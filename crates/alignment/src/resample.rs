@@ -38,7 +38,7 @@ pub(super) struct Resampler<'a> {
     kernel: Kernel,
     spacing_s: Vec<f64>,
     /// First row of the gap-free block around a row, and the row after its last.
-    stretch: Vec<(u32, u32)>,
+    gap_free: Vec<(u32, u32)>,
     weights: Vec<f64>,
 }
 
@@ -49,7 +49,7 @@ impl<'a> Resampler<'a> {
         let gap_s = (GAP_PERIODS * source.period_s).max(GAP_OF_OUTPUT_PERIOD / rate_hz);
         let rows = time.len();
         let mut spacing_s = vec![0.0; rows];
-        let mut stretch = vec![(0, 0); rows];
+        let mut gap_free = vec![(0, 0); rows];
         let joined = |k: usize| {
             source.in_range[k] && source.in_range[k + 1] && time[k + 1] - time[k] <= gap_s
         };
@@ -60,12 +60,12 @@ impl<'a> Resampler<'a> {
                 let before = time[k] - time[k.saturating_sub(1).max(first)];
                 let after = time[(k + 1).min(end - 1)] - time[k];
                 spacing_s[k] = 0.5 * (before + after);
-                stretch[k] = (first as u32, end as u32);
+                gap_free[k] = (first as u32, end as u32);
             }
             first = end;
         }
         let kernel = Kernel::new(rate_hz, exposure_s, stopband_db);
-        Self { source, kernel, spacing_s, stretch, weights: Vec::new() }
+        Self { source, kernel, spacing_s, gap_free, weights: Vec::new() }
     }
 
     /// The columns at `time_s` since the reference's start; returns false if there is no value.
@@ -77,7 +77,7 @@ impl<'a> Resampler<'a> {
             return false;
         }
         let first = time.partition_point(|&t| t < from);
-        let (begin, end) = self.stretch[first];
+        let (begin, end) = self.gap_free[first];
         let begins_inside = (begin as usize) < first || time[first] == from;
         if !begins_inside || time[end as usize - 1] < to {
             return false;
@@ -268,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn passes_the_band_halves_the_cutoff_and_stops_the_rest() {
+    fn a_kernel_passes_the_band_halves_the_cutoff_and_stops_the_rest() {
         for db in [50.0, 80.0] {
             let kernel = Kernel::new(100.0, 0.0, db);
             // The interpolation error of the table is 5e-6.

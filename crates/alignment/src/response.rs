@@ -171,7 +171,7 @@ pub(super) struct MemoryResponse {
     on_axes: Vec<f64>,
     /// Plays, channel by channel, then joint plays.
     beside: Vec<f64>,
-    at_rest: bool,
+    is_first: bool,
     effective: Vec<f64>,
 }
 
@@ -183,7 +183,7 @@ impl MemoryResponse {
             retained: LAGS.map(|(lag_s, _)| (-step_s / lag_s).exp()),
             on_axes: vec![0.0; model.axes * MEMORIES],
             beside: vec![0.0; model.channel_plays() + model.joint_plays()],
-            at_rest: true,
+            is_first: true,
             effective: vec![0.0; model.axes],
             model,
         }
@@ -211,13 +211,13 @@ impl MemoryResponse {
             self.follow_beside(immediate);
             beside.copy_from_slice(&self.beside);
         }
-        self.at_rest = false;
+        self.is_first = false;
     }
 
     fn follow_axes(&mut self, immediate: &[f64]) {
         for (axis, &w) in immediate.iter().enumerate() {
             let state = &mut self.on_axes[axis * MEMORIES..][..MEMORIES];
-            if self.at_rest {
+            if self.is_first {
                 state.fill(w);
             }
             let (plays, lags) = state.split_at_mut(PLAY.len());
@@ -236,13 +236,13 @@ impl MemoryResponse {
         for (channel, plays) in channels.as_chunks_mut::<{ PLAY.len() }>().0.iter_mut().enumerate()
         {
             let w = dot(self.model.direction(channel), immediate);
-            if self.at_rest {
+            if self.is_first {
                 plays.fill(w);
             }
             follow(plays, w);
         }
         for (play, radius) in joint.chunks_exact_mut(self.model.axes).zip(JOINT) {
-            if self.at_rest {
+            if self.is_first {
                 play.copy_from_slice(immediate);
             }
             let square: f64 = play.iter().zip(immediate).map(|(p, w)| (p - w) * (p - w)).sum();

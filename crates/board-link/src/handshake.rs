@@ -58,11 +58,11 @@ pub struct Handshake {
     /// The error of a query without an answer.
     pub trouble: Option<LinkError>,
     /// A recorded part of the stream; `None` if the handshake ended before it.
-    pub stream: Option<Result<Stretch, RecordError>>,
+    pub stream: Option<Result<StreamPart, RecordError>>,
 }
 
 #[derive(Clone, Debug)]
-pub struct Stretch {
+pub struct StreamPart {
     pub recorded: Recorded,
     pub frames: Vec<BoardFrame>,
 }
@@ -94,7 +94,7 @@ pub fn handshake(options: &HandshakeOptions, stop: &AtomicBool) -> Result<Handsh
     let recorded = record(&mut source, sinks, &recording, stop, &mut |_| {});
     found.stream = Some(recorded.map(|recorded| {
         let frames = std::mem::take(&mut *lock(&frames));
-        Stretch { recorded, frames }
+        StreamPart { recorded, frames }
     }));
     Ok(found)
 }

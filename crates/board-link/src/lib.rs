@@ -24,7 +24,7 @@ pub use append_writer::{AppendWriter, LogSink, open_growing};
 pub use board_log::RecordedBoard;
 pub use capture::CaptureReader;
 pub use client::{Client, EVERY_MODULE, Uplink, judge};
-pub use handshake::{Handshake, HandshakeOptions, Heard, Stretch, handshake};
+pub use handshake::{Handshake, HandshakeOptions, Heard, StreamPart, handshake};
 pub use port::{Connection, FlowControl, PortInfo, PortOptions, PortState, TCP, ports};
 pub use record::{Source, record};
 pub use record_options::{RecordCommand, RecordError, RecordOptions, RecordingProgress, Watcher};

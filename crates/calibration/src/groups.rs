@@ -4,7 +4,7 @@ use std::fmt;
 use std::ops::Range;
 use std::sync::Arc;
 
-use crate::validation::plateaus::{PlateauFinder, Steps, Stretches};
+use crate::validation::pose_finder::{GroupLengths, PoseFinder, Steps};
 use least_squares::grouped_rows::GroupedRows;
 use least_squares::validation::grouped::GroupKind;
 use shell_data::block::Block;
@@ -17,7 +17,7 @@ pub enum HeldOut {
     Auto,
     File,
     Column,
-    Plateaus,
+    Poses,
     Folds(usize),
 }
 
@@ -29,7 +29,7 @@ impl std::str::FromStr for HeldOut {
             ("auto", _) => Ok(Self::Auto),
             ("file", _) => Ok(Self::File),
             ("column", _) => Ok(Self::Column),
-            ("plateau", _) => Ok(Self::Plateaus),
+            ("plateau", _) => Ok(Self::Poses),
             (_, Ok(folds @ 2..)) => Ok(Self::Folds(folds)),
             _ => {
                 Err("expected `file`, `column`, `plateau` or a number of folds from 2 up"
@@ -56,23 +56,23 @@ pub enum GroupBy {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FoundKind {
     /// The load is constant within each.
-    Plateaus,
+    Poses,
     /// The clock jumps between them.
     Recordings,
     /// Only time separates them.
-    Stretches,
+    TimeBlocks,
 }
 
-const STRETCHES: u64 = 40;
+const TIME_BLOCKS: u64 = 40;
 
 /// Rows are shuffled if neighbouring loads correlate less; in order of time it is far more.
 pub(crate) const SHUFFLED_BELOW: f64 = 0.3;
 
 /// Maximum number of blocks of time into which the rows of several files are divided.
-const MOST_STRETCHES: u64 = 100;
+const MOST_TIME_BLOCKS: u64 = 100;
 
 /// Minimum length of a block of time, in correlation lengths of the loads.
-const STRETCH_LENGTHS: usize = 8;
+const TIME_BLOCK_LENGTHS: usize = 8;
 
 const MOST_ROWS: usize = 20_000;
 
@@ -84,11 +84,11 @@ impl FoundKind {
     /// Names in documents: singular, plural and in full.
     fn words(self) -> [&'static str; 4] {
         match self {
-            Self::Plateaus => ["plateaus", "plateau", "poses", "plateaus of constant load"],
+            Self::Poses => ["plateaus", "plateau", "poses", "plateaus of constant load"],
             Self::Recordings => {
                 ["recordings", "recording", "recordings", "recordings between jumps of the clock"]
             }
-            Self::Stretches => ["stretches", "block", "blocks of time", "blocks of time"],
+            Self::TimeBlocks => ["stretches", "block", "blocks of time", "blocks of time"],
         }
     }
 }
@@ -109,12 +109,12 @@ impl GroupBy {
         match self {
             Self::File => false,
             Self::Column => true,
-            Self::Found(groups) => groups.kind == FoundKind::Plateaus,
+            Self::Found(groups) => groups.kind == FoundKind::Poses,
         }
     }
 
-    pub fn is_stretches(&self) -> bool {
-        self.found().is_some_and(|groups| groups.kind == FoundKind::Stretches)
+    pub fn is_time_blocks(&self) -> bool {
+        self.found().is_some_and(|groups| groups.kind == FoundKind::TimeBlocks)
     }
 
     pub fn plural(&self) -> &'static str {
@@ -143,42 +143,42 @@ impl From<GroupKind> for GroupBy {
 }
 
 /// Labels rows by groups that can be held out: those asked for or, for [`HeldOut::Auto`] and folds,
-/// the first available of a column in all logs, several files, plateaus of constant load,
+/// the first available of a column in all logs, several files, poses,
 /// recordings between jumps of the clock, forty blocks of time. `None` without any.
 pub fn label_groups(data: &Dataset, held_out: HeldOut) -> Option<(GroupBy, Dataset)> {
     match held_out {
         HeldOut::File => Some((GroupBy::File, label_by_file(data))),
         HeldOut::Column => Some((GroupBy::Column, data.clone())),
-        HeldOut::Plateaus => find(data).filter(|(by, _)| by.is_poses()),
+        HeldOut::Poses => find(data).filter(|(by, _)| by.is_poses()),
         HeldOut::Auto | HeldOut::Folds(_) => {
-            given(data).or_else(|| find(data)).or_else(|| stretches(data))
+            given(data).or_else(|| find(data)).or_else(|| label_time_blocks(data))
         }
     }
 }
 
-/// Labels the rows of a data set by their group column, file or plateau.
+/// Labels the rows of a data set by their group column, file or pose.
 pub fn label_poses_or_files(data: &Dataset) -> Dataset {
     label_poses(data).map_or_else(|| label_by_file(data), |(_, data)| data)
 }
 
 /// Labels rows by groups within which errors may be correlated, if a sample shows some.
 pub(crate) fn label_poses(data: &Dataset) -> Option<(GroupBy, Dataset)> {
-    given(data).or_else(|| label_plateaus(data))
+    given(data).or_else(|| label_found_poses(data))
 }
 
-fn label_plateaus(data: &Dataset) -> Option<(GroupBy, Dataset)> {
-    let may_have = |log: &LogRows| may_have_plateaus(&log.sample, log.is_sampled_at_start);
-    data.logs.iter().all(may_have).then(|| label_groups(data, HeldOut::Plateaus))?
+fn label_found_poses(data: &Dataset) -> Option<(GroupBy, Dataset)> {
+    let may_have = |log: &LogRows| may_have_poses(&log.sample, log.is_sampled_at_start);
+    data.logs.iter().all(may_have).then(|| label_groups(data, HeldOut::Poses))?
 }
 
 /// Groups of a column are poses if at most this share of the variance of the loads is within them.
 const WITHIN_POSES: f64 = 0.1;
 
-/// Returns true for groups of a column in which loads hardly change, or plateaus in all logs.
+/// Returns true for groups of a column in which loads hardly change, or poses in all logs.
 pub(crate) fn has_poses(data: &Dataset) -> bool {
     match data.logs.iter().all(|log| log.has_groups) {
         true => loads_are_constant_in_groups(data),
-        false => label_plateaus(data).is_some(),
+        false => label_found_poses(data).is_some(),
     }
 }
 
@@ -190,11 +190,11 @@ fn loads_are_constant_in_groups(data: &Dataset) -> bool {
     })
 }
 
-/// Returns true unless a sample of a log, not of its first rows only, rules out plateaus.
-pub fn may_have_plateaus(sample: &Block, is_sampled_at_start: bool) -> bool {
-    let mut finder = PlateauFinder::<6>::new(Steps::from_sample(&[], &sample.wrench));
+/// Returns true unless a sample of a log, not of its first rows only, rules out poses.
+pub fn may_have_poses(sample: &Block, is_sampled_at_start: bool) -> bool {
+    let mut finder = PoseFinder::<6>::new(Steps::from_sample(&[], &sample.wrench));
     finder.add(&[], &sample.wrench);
-    is_sampled_at_start || matches!(finder.finish(), Stretches::Plateaus(_))
+    is_sampled_at_start || matches!(finder.finish(), GroupLengths::Poses(_))
 }
 
 /// A column if all logs have one, otherwise files if there are several.
@@ -216,47 +216,46 @@ fn label_by_file(data: &Dataset) -> Dataset {
 
 /// Finds groups in the rows. A log without groups becomes one group if another log has some.
 fn find(data: &Dataset) -> Option<(GroupBy, Dataset)> {
-    let stretches = |log: &LogRows| {
+    let lengths = |log: &LogRows| {
         let steps = Steps::from_sample(&log.sample.time_s, &log.sample.wrench);
-        let mut finder = PlateauFinder::<6>::new(steps);
+        let mut finder = PoseFinder::<6>::new(steps);
         log.blocks.iter().for_each(|block| finder.add(&block.rows.time_s, &block.rows.wrench));
         finder.finish()
     };
-    let stretches: Vec<Stretches> = data.logs.iter().map(stretches).collect();
-    let kind = match &stretches[..] {
-        all if all.iter().any(|of| matches!(of, Stretches::Plateaus(_))) => FoundKind::Plateaus,
-        all if all.iter().all(|of| *of == Stretches::Nothing) => return None,
+    let lengths: Vec<GroupLengths> = data.logs.iter().map(lengths).collect();
+    let kind = match &lengths[..] {
+        all if all.iter().any(|of| matches!(of, GroupLengths::Poses(_))) => FoundKind::Poses,
+        all if all.iter().all(|of| *of == GroupLengths::Nothing) => return None,
         _ => FoundKind::Recordings,
     };
-    let rows = data.logs.iter().zip(stretches).map(|(log, stretches)| match (stretches, kind) {
-        (Stretches::Plateaus(rows), _) | (Stretches::Recordings(rows), FoundKind::Recordings) => {
-            rows
-        }
+    let rows = data.logs.iter().zip(lengths).map(|(log, lengths)| match (lengths, kind) {
+        (GroupLengths::Poses(rows), _)
+        | (GroupLengths::Recordings(rows), FoundKind::Recordings) => rows,
         _ => vec![log.rows()],
     });
     Some(label_found(data, kind, rows.collect()))
 }
 
 /// Divides the rows of a log into blocks of time, as evenly as possible. `None` for a single row.
-fn stretches(data: &Dataset) -> Option<(GroupBy, Dataset)> {
+fn label_time_blocks(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     let [log] = &data.logs[..] else { return None };
-    let groups = log.rows().min(STRETCHES);
+    let groups = log.rows().min(TIME_BLOCKS);
     let start = |group: u64| (log.rows() * group).div_ceil(groups);
     let rows = (0..groups).map(|group| start(group + 1) - start(group)).collect();
-    (groups > 1).then(|| label_found(data, FoundKind::Stretches, vec![rows]))
+    (groups > 1).then(|| label_found(data, FoundKind::TimeBlocks, vec![rows]))
 }
 
 /// Blocks of time of several files, and the blocks of each file, so long that errors of neighbours
 /// are nearly uncorrelated. `None` for rows in poses, shuffled rows, or loads that stay correlated
 /// too long.
-pub(crate) fn stretches_of_files(data: &Dataset) -> Option<(Dataset, Vec<Range<usize>>)> {
+pub(crate) fn time_blocks_of_files(data: &Dataset) -> Option<(Dataset, Vec<Range<usize>>)> {
     let is_apart = |&lag: &usize| load_correlation(data, lag) < SHUFFLED_BELOW;
     let lags = std::iter::successors(Some(1), |lag| Some(2 * lag));
     let apart = lags.take_while(|&lag| lag < BLOCK_ROWS / 4).find(is_apart)?;
     if apart == 1 || has_poses(data) {
         return None;
     }
-    let longest = (data.rows() / MOST_STRETCHES).max((STRETCH_LENGTHS * apart) as u64);
+    let longest = (data.rows() / MOST_TIME_BLOCKS).max((TIME_BLOCK_LENGTHS * apart) as u64);
     let (mut files, mut lengths, mut first) = (Vec::new(), Vec::new(), 0);
     for log in &data.logs {
         let count = if log.rows() > 0 { (log.rows() / longest).max(1) } else { 0 };
@@ -265,14 +264,14 @@ pub(crate) fn stretches_of_files(data: &Dataset) -> Option<(Dataset, Vec<Range<u
         files.push(first..first + count as usize);
         first += count as usize;
     }
-    files.retain(|stretches| !stretches.is_empty());
-    Some((label_found(data, FoundKind::Stretches, lengths).1, files))
+    files.retain(|blocks| !blocks.is_empty());
+    Some((label_found(data, FoundKind::TimeBlocks, lengths).1, files))
 }
 
 /// Returns true if the rows are not in order of time: neighbouring loads are uncorrelated on every
 /// axis, so rows cannot be held out by time.
 pub(crate) fn rows_are_shuffled(data: &Dataset) -> bool {
-    data.rows() > STRETCHES && load_correlation(data, 1) < SHUFFLED_BELOW
+    data.rows() > TIME_BLOCKS && load_correlation(data, 1) < SHUFFLED_BELOW
 }
 
 /// The correlation of the loads of rows `lag` apart, on the axis where it is largest.

@@ -36,7 +36,7 @@ mod conversion;
 pub mod dynamics;
 pub mod fit;
 mod groups;
-mod holds;
+mod load_labels;
 pub mod load_plan;
 pub mod memory;
 pub mod plausibility;

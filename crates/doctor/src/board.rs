@@ -7,7 +7,7 @@ use shell_data::block::Block;
 use crate::channels::{ENOUGH_FRAMES, check_channels, identical_in, outside, without_consequences};
 use crate::{Finding, percent};
 use board_link::recording::{BoardFrame, Losses, Measured, protocol_name};
-use board_link::{Handshake, Heard, LinkError, Stretch, for_board, serial_text};
+use board_link::{Handshake, Heard, LinkError, StreamPart, for_board, serial_text};
 use log_file::summary::LogSummary;
 
 #[derive(Clone, Copy, Debug)]
@@ -42,7 +42,7 @@ pub fn check_board(facts: &BoardObservations<'_>) -> Vec<Finding> {
     identity.iter().for_each(|identity| check_identity(identity, facts, &mut findings));
     status.iter().for_each(|status| check_status(status, facts, &mut findings));
     match stream {
-        Some(Ok(stretch)) => check_stream(stretch, facts, &mut findings),
+        Some(Ok(part)) => check_stream(part, facts, &mut findings),
         Some(Err(error)) => {
             let advice = "switch the board off and on; if it stays silent, flash it with `cargo xtask flash`";
             findings.push(Finding::fault("no-frames", error.to_string(), advice));
@@ -206,9 +206,9 @@ fn calibrated(status: &Status, facts: &BoardObservations<'_>) -> Option<Finding>
     })
 }
 
-fn check_stream(stretch: &Stretch, facts: &BoardObservations<'_>, findings: &mut Vec<Finding>) {
-    check_losses(stretch, findings);
-    let frames = in_order(&stretch.frames);
+fn check_stream(part: &StreamPart, facts: &BoardObservations<'_>, findings: &mut Vec<Finding>) {
+    check_losses(part, findings);
+    let frames = in_order(&part.frames);
     let mut summary = LogSummary::default();
     summary.add(&frames);
     let period_us = facts.handshake.status.map(|status| f64::from(status.period_us));
@@ -221,7 +221,7 @@ fn check_stream(stretch: &Stretch, facts: &BoardObservations<'_>, findings: &mut
             false => Finding::fault("rate", seen, advice),
         });
     }
-    let restarts = stretch.recorded.losses.restarts;
+    let restarts = part.recorded.losses.restarts;
     if restarts > 0 {
         let seen = format!("the board restarted {restarts} times while it was listened to");
         let advice = "look at its supply: `shellcal board PORT status` says why it started";
@@ -242,10 +242,9 @@ fn check_stream(stretch: &Stretch, facts: &BoardObservations<'_>, findings: &mut
         .extend(calibration.and_then(|of| outside(of.rows_out_of_range(readings), summary.rows)));
 }
 
-fn check_losses(stretch: &Stretch, findings: &mut Vec<Finding>) {
-    let Losses { missing, bad_crc, damaged, dropped_on_board: dropped, .. } =
-        stretch.recorded.losses;
-    let sent = (stretch.recorded.frames + missing).max(1) as f64;
+fn check_losses(part: &StreamPart, findings: &mut Vec<Finding>) {
+    let Losses { missing, bad_crc, damaged, dropped_on_board: dropped, .. } = part.recorded.losses;
+    let sent = (part.recorded.frames + missing).max(1) as f64;
     let share = missing as f64 / sent;
     let seen = format!(
         "{missing} of {sent} frames did not arrive ({}), {} packets damaged",

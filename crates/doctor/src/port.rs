@@ -83,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_kept_out_is_told_how_to_get_in() {
+    fn a_denied_port_has_advice_for_access() {
         let denied = port(Some(LinkError::Denied(named())));
         let denied = PortState { group: Some("uucp".to_owned()), in_group: Some(false), ..denied };
         let [finding] = &check_port(&denied)[..] else { panic!("{denied:?}") };
@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn who_has_the_port_is_named() {
+    fn the_program_that_has_the_port_is_named() {
         let busy = port(Some(LinkError::Busy(named())));
         let busy = PortState { holder: Some(("ModemManager".to_owned(), 812)), ..busy };
         let finding = &check_port(&busy)[0];

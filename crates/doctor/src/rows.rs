@@ -122,11 +122,11 @@ fn pinned_at_min(column: &[f64]) -> Option<f64> {
 /// Returns first row and length of the longest run of one value, if long.
 fn longest_stop(column: &[f64]) -> Option<(usize, usize)> {
     let mut start = 0;
-    let stretches = column.chunk_by(|a, b| a == b).map(|same| {
+    let runs = column.chunk_by(|a, b| a == b).map(|same| {
         start += same.len();
         (start - same.len(), same.len())
     });
-    let longest = stretches.max_by_key(|(_, rows)| *rows)?;
+    let longest = runs.max_by_key(|(_, rows)| *rows)?;
     let fewest = FEWEST_STOPPED.max((STOPPED * column.len() as f64) as usize);
     (longest.1 >= fewest && longest.1 < column.len()).then_some(longest)
 }

@@ -92,7 +92,7 @@ fn level_colour(level: usize) -> Colour {
 
 /// The rows of one load, from the cells of measured (x) and predicted (y) values that contain them.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct LoadPlateau {
+pub(super) struct PoseMean {
     pub(super) measured: f64,
     pub(super) predicted: f64,
     pub(super) sd: f64,
@@ -106,7 +106,7 @@ const MANY: usize = 120;
 const COVERED: f64 = 0.4;
 
 /// Poses, ascending by the measured value; none if the load moves.
-pub(super) fn plateaus(cells: &[HistogramCell]) -> Vec<LoadPlateau> {
+pub(super) fn poses(cells: &[HistogramCell]) -> Vec<PoseMean> {
     let mut cells: Vec<&HistogramCell> = cells.iter().collect();
     cells.sort_by(|a, b| a.x.low.total_cmp(&b.x.low));
     let mut runs: Vec<Vec<&HistogramCell>> = Vec::new();
@@ -130,32 +130,32 @@ pub(super) fn plateaus(cells: &[HistogramCell]) -> Vec<LoadPlateau> {
     let covered: f64 = runs.iter().map(ends).map(|(low, high)| high - low).sum();
     let range = ends(&runs[runs.len() - 1]).1 - ends(&runs[0]).0;
     match covered <= COVERED * range {
-        true => runs.iter().map(|run| plateau(run)).collect(),
+        true => runs.iter().map(|run| pose_mean(run)).collect(),
         false => Vec::new(),
     }
 }
 
-fn plateau(run: &[&HistogramCell]) -> LoadPlateau {
+fn pose_mean(run: &[&HistogramCell]) -> PoseMean {
     let count: f64 = run.iter().map(|cell| cell.count as f64).sum();
     let mean = |of: &dyn Fn(&HistogramCell) -> f64| {
         run.iter().map(|cell| cell.count as f64 * of(cell)).sum::<f64>() / count
     };
     let y = |cell: &HistogramCell| (cell.y.low + cell.y.high) / 2.0;
     let predicted = mean(&y);
-    LoadPlateau {
+    PoseMean {
         measured: mean(&|cell| (cell.x.low + cell.x.high) / 2.0),
         predicted,
         sd: mean(&|cell| (y(cell) - predicted).powi(2)).sqrt(),
     }
 }
 
-pub(super) fn draw_plateaus(
+pub(super) fn draw_poses(
     canvas: &mut Figure,
     panel: &Panel,
-    plateaus: impl IntoIterator<Item = ((f64, f64), f64)>,
+    poses: impl IntoIterator<Item = ((f64, f64), f64)>,
 ) {
     canvas.clipped(panel.area, |canvas| {
-        for ((x, y), sd) in plateaus {
+        for ((x, y), sd) in poses {
             let (low, high) = (panel.place(x, y - sd), panel.place(x, y + sd));
             canvas.line(low, high, palette::INK, 1.2);
             canvas.ring(panel.place(x, y), 3.0, palette::INK);
@@ -183,23 +183,23 @@ mod tests {
     }
 
     #[test]
-    fn plateaus_have_the_mean_and_the_spread_of_their_rows() {
-        let found = plateaus(&cells(12, 0.02));
+    fn poses_have_the_mean_and_the_spread_of_their_rows() {
+        let found = poses(&cells(12, 0.02));
         assert_eq!(found.len(), 12);
-        for (load, plateau) in (0..).zip(&found) {
+        for (load, pose) in (0..).zip(&found) {
             let load = f64::from(load);
             // To half a cell; of 256 cells at least half are used.
             let cell = 12.0 / 128.0;
-            assert!((plateau.measured - load).abs() < cell, "{plateau:?}");
-            assert!((plateau.predicted - load - 0.1).abs() < cell, "{plateau:?}");
-            assert!((plateau.sd - 0.3).abs() < cell, "{plateau:?}");
+            assert!((pose.measured - load).abs() < cell, "{pose:?}");
+            assert!((pose.predicted - load - 0.1).abs() < cell, "{pose:?}");
+            assert!((pose.sd - 0.3).abs() < cell, "{pose:?}");
         }
     }
 
     #[test]
-    fn a_load_that_moves_has_no_plateaus() {
-        assert!(plateaus(&cells(12, 0.5)).is_empty());
-        assert!(plateaus(&cells(3, 0.02)).is_empty(), "too few to be a set of poses");
-        assert!(plateaus(&[]).is_empty());
+    fn a_load_that_moves_has_no_poses() {
+        assert!(poses(&cells(12, 0.5)).is_empty());
+        assert!(poses(&cells(3, 0.02)).is_empty(), "too few to be a set of poses");
+        assert!(poses(&[]).is_empty());
     }
 }

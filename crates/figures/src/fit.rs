@@ -2,7 +2,7 @@
 
 use super::axes::{BOTTOM_MARGIN, LEFT_MARGIN, Panel, PlotAxis, ValueRange, decimal};
 use super::canvas::{Figure, Pen, Rect, Size, Style, number, point};
-use super::density::{ColourScale, LoadPlateau, doublings, draw_cells, draw_plateaus, plateaus};
+use super::density::{ColourScale, PoseMean, doublings, draw_cells, draw_poses, poses};
 use super::histogram::{Histogram2d, HistogramCell};
 use super::palette;
 use shell_data::wrench::{Axes, Axis, PerAxis};
@@ -127,7 +127,7 @@ pub fn fit_figure(
             AxisView::new(axis, &shown.axes[axis.index()], outlined)
         })
         .collect();
-    if views.iter().any(|view| !view.plateaus.is_empty()) {
+    if views.iter().any(|view| !view.poses.is_empty()) {
         let text = "ring and bar: mean and standard deviation of a constant load";
         canvas.text((16.0, 56.0), text, Style::START);
     }
@@ -159,7 +159,7 @@ struct AxisView {
     axis: Axis,
     agreement: Vec<HistogramCell>,
     agreement_range: ValueRange,
-    plateaus: Vec<LoadPlateau>,
+    poses: Vec<PoseMean>,
     residuals: Vec<HistogramCell>,
     predicted_range: ValueRange,
     residual_range: ValueRange,
@@ -195,7 +195,7 @@ impl AxisView {
             axis,
             agreement: data.agreement.cells([merge; 2]),
             agreement_range: measured.union(predicted),
-            plateaus: plateaus(&data.agreement.cells([0; 2])),
+            poses: poses(&data.agreement.cells([0; 2])),
             residuals: histogram.cells([x_merge, y_merge]),
             predicted_range,
             residual_range,
@@ -212,7 +212,7 @@ impl AxisView {
         });
         let panel = Panel { area, x, y };
         canvas.title((area.left, area.top - 9.0), name);
-        let means = self.plateaus.iter().map(|p| ((p.measured, p.predicted), p.sd));
+        let means = self.poses.iter().map(|p| ((p.measured, p.predicted), p.sd));
         let ValueRange { low, high } = panel.x.range;
         let identity = [(low, low), (high, high)];
         draw_density(canvas, &panel, (&self.agreement, colours), means, identity);
@@ -224,7 +224,7 @@ impl AxisView {
         let x = PlotAxis::linear(&name, unit, self.predicted_range).padded(0.04);
         let y = PlotAxis::linear("residual", unit, self.residual_range).padded(0.1);
         let panel = Panel { area, x, y };
-        let means = self.plateaus.iter().map(|p| ((p.predicted, p.predicted - p.measured), p.sd));
+        let means = self.poses.iter().map(|p| ((p.predicted, p.predicted - p.measured), p.sd));
         let zero = [(panel.x.range.low, 0.0), (panel.x.range.high, 0.0)];
         draw_density(canvas, &panel, (&self.residuals, colours), means, zero);
         if self.beyond > 0 {
@@ -253,7 +253,7 @@ fn draw_density(
 ) {
     panel.draw_grid(canvas);
     draw_cells(canvas, panel, cells, colours);
-    draw_plateaus(canvas, panel, means);
+    draw_poses(canvas, panel, means);
     let ends = reference.map(|(x, y)| panel.place(x, y)).map(|(x, y)| point(x, y));
     canvas.stroke(format!("M{}", ends.join("L")), palette::REFERENCE, Pen::Dashed(1.0));
     panel.draw_frame(canvas);
@@ -378,7 +378,7 @@ mod tests {
     }
 
     #[test]
-    fn three_significant_digits() {
+    fn labels_have_three_significant_digits() {
         let written = [0.11834, 12.345, 123456.0, 0.00012345, 0.0, 1.5e-7].map(significant);
         assert_eq!(written, ["0.118", "12.3", "123456", "0.000123", "0", "1.50e-7"]);
     }

@@ -57,10 +57,10 @@ fn draw(
     });
 }
 
-fn highest(points: &[(f64, f64)], stretches: usize) -> Vec<(f64, f64)> {
-    let length = points.len().div_ceil(stretches).max(1);
-    let best = |stretch: &[(f64, f64)]| {
-        stretch.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or_default()
+fn highest(points: &[(f64, f64)], parts: usize) -> Vec<(f64, f64)> {
+    let length = points.len().div_ceil(parts).max(1);
+    let best = |part: &[(f64, f64)]| {
+        part.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or_default()
     };
     points.chunks(length).map(best).collect()
 }

@@ -7,10 +7,10 @@
 //! intervals it is within three standard errors of zero in three of four cases; with the plain
 //! least-squares error, in one of four.
 
-use crate::stationary::{QuietLevel, ZeroChange};
+use crate::stationary::{ZeroChange, ZeroEstimate};
 use shell_data::statistics::RunningVariance;
 
-pub const FEWEST_RESTS: usize = 3;
+pub const FEWEST_STATIONARY: usize = 3;
 
 /// The upper limit of the neighbour correlation ρ.
 const MOST_CORRELATED: f64 = 0.95;
@@ -35,10 +35,10 @@ pub struct Drift {
 }
 
 impl Trend {
-    /// Fits values `y` at `x`, in order; `None` for fewer than [`FEWEST_RESTS`] or a constant `x`.
+    /// Fits values `y` at `x`, in order; `None` for fewer than [`FEWEST_STATIONARY`] or a constant `x`.
     pub fn fit(x: &[f64], y: &[f64]) -> Option<Self> {
         let (xs, ys) = (RunningVariance::new(x), RunningVariance::new(y));
-        if x.len() < FEWEST_RESTS || xs.squares <= 0.0 || !xs.squares.is_finite() {
+        if x.len() < FEWEST_STATIONARY || xs.squares <= 0.0 || !xs.squares.is_finite() {
             return None;
         }
         let pairs = || x.iter().zip(y).map(|(x, y)| (x - xs.mean, y - ys.mean));
@@ -59,22 +59,22 @@ impl Trend {
 }
 
 impl Drift {
-    /// Drift of one of `quantities` from its levels in the intervals, their middles, s, and
-    /// temperatures, `None` if unknown. `None` for fewer than [`FEWEST_RESTS`] intervals.
+    /// Drift of one of `quantities` from its zeros in the intervals, their middles, s, and
+    /// temperatures, `None` if unknown. `None` for fewer than [`FEWEST_STATIONARY`] intervals.
     pub fn fit(
-        levels: &[QuietLevel],
+        estimates: &[ZeroEstimate],
         times_s: &[f64],
         temperatures: &[Option<f64>],
         quantities: usize,
     ) -> Option<Self> {
-        let zeros: Vec<f64> = levels.iter().map(|level| level.mean).collect();
+        let zeros: Vec<f64> = estimates.iter().map(|estimate| estimate.mean).collect();
         let per_s = Trend::fit(times_s, &zeros)?;
         let known = temperatures.iter().zip(&zeros).filter_map(|(at, &zero)| Some(((*at)?, zero)));
         let (degrees, zeros_there): (Vec<f64>, Vec<f64>) = known.unzip();
         let all = RunningVariance::new(&zeros);
-        let squares = |level: &QuietLevel| level.standard_error * level.standard_error;
-        let by_noise = levels.iter().map(squares).sum::<f64>() / levels.len() as f64;
-        let (first, last) = (levels.first()?, levels.last()?);
+        let squares = |estimate: &ZeroEstimate| estimate.standard_error * estimate.standard_error;
+        let by_noise = estimates.iter().map(squares).sum::<f64>() / estimates.len() as f64;
+        let (first, last) = (estimates.first()?, estimates.last()?);
         Some(Self {
             change: ZeroChange::new(first, last, quantities),
             wander: (all.squares / (all.count - 1) as f64 - by_noise).max(0.0).sqrt(),

@@ -542,10 +542,10 @@ mod tests {
         ];
         for ((order, cutoff), zero, settled) in cases {
             for (expected, settled) in [(zero, false), (settled, true)] {
-                let answer = filtered(order, cutoff, 1000.0, settled);
+                let output = filtered(order, cutoff, 1000.0, settled);
                 for (i, expected) in [0, 1, 50, 199].into_iter().zip(expected) {
                     // SciPy's own settled state is off by 1.5e-14 of the signal's range of 50 at order 4.
-                    assert!((answer[i] - expected).abs() < 1e-12 * 50.0, "{order} {i}");
+                    assert!((output[i] - expected).abs() < 1e-12 * 50.0, "{order} {i}");
                 }
             }
         }
@@ -612,9 +612,9 @@ mod tests {
         let mut filter = Filter::new(&Butterworth::low_pass(5, 30.0, 1000.0).unwrap());
         for sample in test_signal() {
             let (peeked, again) = (filter.peek(sample), filter.peek(sample));
-            let mut answer = [sample];
-            filter.process(&mut answer);
-            assert_eq!([peeked, again], [answer[0]; 2]);
+            let mut output = [sample];
+            filter.process(&mut output);
+            assert_eq!([peeked, again], [output[0]; 2]);
         }
     }
 

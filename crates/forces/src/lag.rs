@@ -43,15 +43,15 @@ impl LagShift {
     fn take(&mut self, forces: PerAxis<Vec<f64>>, are_last: bool) -> PerAxis<Vec<f64>> {
         self.forces.iter_mut().zip(forces).for_each(|(kept, next)| kept.extend(next));
         let known = longest(&self.forces);
-        let mut answers = PerAxis::<Vec<f64>>::default();
+        let mut outputs = PerAxis::<Vec<f64>>::default();
         let mut oldest = 0;
         while self.next < known {
             let times = &self.times[..known];
             let wanted = times[self.next] - self.lag.by;
             let Some(at) = Between::find(times, self.next, wanted, are_last) else { break };
-            for (answers, column) in answers.iter_mut().zip(&self.forces) {
+            for (output, column) in outputs.iter_mut().zip(&self.forces) {
                 if column.len() == known {
-                    answers.push(at.value(times, column));
+                    output.push(at.value(times, column));
                 }
             }
             // The slope at the row before needs the one before it.
@@ -61,7 +61,7 @@ impl LagShift {
         self.times.drain(..oldest);
         self.forces.iter_mut().for_each(|of| drop(of.drain(..oldest.min(of.len()))));
         self.next -= oldest;
-        answers
+        outputs
     }
 }
 

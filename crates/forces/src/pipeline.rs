@@ -43,9 +43,9 @@ pub struct ForceStream {
 
 impl ForcePipeline {
     /// Adds a stationary interval during recording, if the tare follows them.
-    pub fn follow(&mut self, calibration: &Calibration, rest: &StationaryInterval) {
+    pub fn follow(&mut self, calibration: &Calibration, stationary: &StationaryInterval) {
         if let Some(zeros) = &mut self.zeros {
-            zeros.add(calibration, rest);
+            zeros.add(calibration, stationary);
         }
     }
 
@@ -118,30 +118,30 @@ impl ForceStream {
         times_s: &[f64],
         wrench: PerAxis<Vec<f64>>,
     ) -> Result<PerAxis<Vec<f64>>, FilterError> {
-        let mut answers = wrench;
+        let mut outputs = wrench;
         if let Some((grid, filters)) = &mut self.low_pass {
             let slots = grid.slots(times_s);
-            let wrench = std::mem::take(&mut answers);
+            let wrench = std::mem::take(&mut outputs);
             for (axis, filter) in filters {
-                filter.push(&slots, &wrench[axis.index()], &mut answers[axis.index()])?;
+                filter.push(&slots, &wrench[axis.index()], &mut outputs[axis.index()])?;
             }
         }
         Ok(match &mut self.lag {
-            Some(lag) => lag.push(times_s, answers),
-            None => answers,
+            Some(lag) => lag.push(times_s, outputs),
+            None => outputs,
         })
     }
 
     /// # Errors
     /// [`FilterError::TooFewSamples`].
     pub fn finish(&mut self) -> Result<PerAxis<Vec<f64>>, FilterError> {
-        let mut answers = PerAxis::<Vec<f64>>::default();
+        let mut outputs = PerAxis::<Vec<f64>>::default();
         for (axis, filter) in self.low_pass.iter_mut().flat_map(|(_, filters)| filters) {
-            filter.finish(&mut answers[axis.index()])?;
+            filter.finish(&mut outputs[axis.index()])?;
         }
         Ok(match &mut self.lag {
-            Some(lag) => lag.finish(answers),
-            None => answers,
+            Some(lag) => lag.finish(outputs),
+            None => outputs,
         })
     }
 }
@@ -222,9 +222,9 @@ impl PipelineSetup {
         };
         match Butterworth::low_pass(low_pass.order, low_pass.cutoff_hz, clock.rate_hz) {
             Ok(design) => {
-                let at_rest = self.options.tare != TareRule::Untared;
+                let starts_at_zero = self.options.tare != TareRule::Untared;
                 let applied = AppliedLowPass { low_pass, rate_hz: clock.rate_hz };
-                Ok(Some((applied, BlockPlan::new(design, low_pass.zero_phase, at_rest))))
+                Ok(Some((applied, BlockPlan::new(design, low_pass.zero_phase, starts_at_zero))))
             }
             Err(_) if optional => Ok(None),
             Err(error) => Err(error.into()),

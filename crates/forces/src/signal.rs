@@ -17,7 +17,7 @@ pub(super) struct BlockPlan {
     zero_phase: bool,
     /// Starts a causal filter at zero, as the lab's `lfilter` did after taring, rather than settled
     /// at the first value.
-    at_rest: bool,
+    starts_at_zero: bool,
     /// Slots after which the filter has forgotten the past; a longer gap is a pause.
     memory: u64,
 }
@@ -31,9 +31,9 @@ pub(super) struct SignalFilter {
 }
 
 impl BlockPlan {
-    pub(super) fn new(design: Butterworth, zero_phase: bool, at_rest: bool) -> Self {
+    pub(super) fn new(design: Butterworth, zero_phase: bool, starts_at_zero: bool) -> Self {
         let memory = design.memory(FORGOTTEN).max(design.zero_phase_reach() + 1) as u64;
-        Self { design, zero_phase, at_rest, memory }
+        Self { design, zero_phase, starts_at_zero, memory }
     }
 
     fn block(&self, slot: u64) -> u64 {
@@ -59,11 +59,11 @@ impl BlockPlan {
     }
 
     /// Outputs the rows of a block; the segment holds as much of it as exists.
-    fn answer(
+    fn output_block(
         &self,
         segment: &mut Segment,
         block: u64,
-        answers: &mut Vec<f64>,
+        outputs: &mut Vec<f64>,
     ) -> Result<(), FilterError> {
         let span = self.span(block);
         let (start, end) = (span.start.max(segment.base), span.end.min(segment.end()));
@@ -72,12 +72,12 @@ impl BlockPlan {
         self.design.zero_phase(&mut even)?;
         let block_end = (block + 1) * self.length();
         let count = segment.waiting.partition_point(|&slot| slot < block_end);
-        answers.extend(segment.waiting.drain(..count).map(|slot| even[(slot - start) as usize]));
+        outputs.extend(segment.waiting.drain(..count).map(|slot| even[(slot - start) as usize]));
         Ok(())
     }
 
     fn started(&self, slot: u64, value: f64) -> Filter {
-        Filter::settled(&self.design, if self.at_rest && slot == 0 { 0.0 } else { value })
+        Filter::settled(&self.design, if self.starts_at_zero && slot == 0 { 0.0 } else { value })
     }
 }
 
@@ -86,7 +86,7 @@ impl SignalFilter {
         Self { plan, segment: None, running: None }
     }
 
-    /// Takes the next values, at ascending slots, and appends the known outputs to `answers`, one
+    /// Takes the next values, at ascending slots, and appends the known outputs to `outputs`, one
     /// per value, in order. A causal filter outputs them all. Of values in one slot, the last one
     /// counts for later outputs.
     ///
@@ -96,12 +96,12 @@ impl SignalFilter {
         &mut self,
         slots: &[u64],
         values: &[f64],
-        answers: &mut Vec<f64>,
+        outputs: &mut Vec<f64>,
     ) -> Result<(), FilterError> {
         for (&slot, &value) in slots.iter().zip(values) {
             match self.plan.zero_phase {
-                true => self.push_zero_phase(slot, value, answers)?,
-                false => self.push_causal(slot, value, answers),
+                true => self.push_zero_phase(slot, value, outputs)?,
+                false => self.push_causal(slot, value, outputs),
             }
         }
         Ok(())
@@ -109,9 +109,9 @@ impl SignalFilter {
 
     /// # Errors
     /// [`FilterError::TooFewSamples`] if the whole log is too short.
-    pub(super) fn finish(&mut self, answers: &mut Vec<f64>) -> Result<(), FilterError> {
+    pub(super) fn finish(&mut self, outputs: &mut Vec<f64>) -> Result<(), FilterError> {
         let is_whole_log = self.segment.as_ref().is_some_and(|segment| segment.start == 0);
-        self.close(is_whole_log, answers)
+        self.close(is_whole_log, outputs)
     }
 
     /// Filters forward and backward, as soon as everything that a block depends on is known.
@@ -119,11 +119,11 @@ impl SignalFilter {
         &mut self,
         slot: u64,
         value: f64,
-        answers: &mut Vec<f64>,
+        outputs: &mut Vec<f64>,
     ) -> Result<(), FilterError> {
         let paused = |segment: &Segment| slot - (segment.end() - 1) > self.plan.memory;
         if self.segment.as_ref().is_some_and(paused) {
-            self.close(false, answers)?;
+            self.close(false, outputs)?;
         }
         let plan = &self.plan;
         let Some(segment) = &mut self.segment else {
@@ -138,7 +138,7 @@ impl SignalFilter {
                 break;
             }
             segment.hold_until(end);
-            plan.answer(segment, block, answers)?;
+            plan.output_block(segment, block, outputs)?;
         }
         segment.hold_until(slot);
         let first = *segment.waiting.first().unwrap_or(&slot);
@@ -155,19 +155,19 @@ impl SignalFilter {
 
     /// Outputs pending rows. A segment too short for the filter, unless it is the whole log, is
     /// continued by its last value.
-    fn close(&mut self, is_whole_log: bool, answers: &mut Vec<f64>) -> Result<(), FilterError> {
+    fn close(&mut self, is_whole_log: bool, outputs: &mut Vec<f64>) -> Result<(), FilterError> {
         let Some(mut segment) = self.segment.take() else { return Ok(()) };
         let reach = self.plan.design.zero_phase_reach() as u64;
         if !is_whole_log {
             segment.hold_until(segment.start + reach + 1);
         }
         while let Some(&first) = segment.waiting.first() {
-            self.plan.answer(&mut segment, self.plan.block(first), answers)?;
+            self.plan.output_block(&mut segment, self.plan.block(first), outputs)?;
         }
         Ok(())
     }
 
-    fn push_causal(&mut self, slot: u64, value: f64, answers: &mut Vec<f64>) {
+    fn push_causal(&mut self, slot: u64, value: f64, outputs: &mut Vec<f64>) {
         let plan = &self.plan;
         let paused = |running: &Running| slot - running.slot > plan.memory;
         let mut running = match self.running.take() {
@@ -180,7 +180,7 @@ impl SignalFilter {
             running.step(plan);
         }
         running.value = value;
-        answers.push(running.filter.peek(value));
+        outputs.push(running.filter.peek(value));
         self.running = Some(running);
     }
 }
@@ -263,15 +263,15 @@ mod tests {
         (slots.clone(), signal.collect())
     }
 
-    fn answers(plan: BlockPlan, slots: &[u64], values: &[f64], piece: usize) -> Vec<f64> {
+    fn filtered(plan: BlockPlan, slots: &[u64], values: &[f64], piece: usize) -> Vec<f64> {
         let mut filter = SignalFilter::new(plan);
-        let mut answers = Vec::new();
+        let mut outputs = Vec::new();
         for (slots, values) in slots.chunks(piece).zip(values.chunks(piece)) {
-            filter.push(slots, values, &mut answers).unwrap();
+            filter.push(slots, values, &mut outputs).unwrap();
         }
-        filter.finish(&mut answers).unwrap();
-        assert_eq!(answers.len(), values.len());
-        answers
+        filter.finish(&mut outputs).unwrap();
+        assert_eq!(outputs.len(), values.len());
+        outputs
     }
 
     /// Signal on the grid, where later rows of a slot win, and the slots of the rows.
@@ -292,14 +292,14 @@ mod tests {
         let even = spread(&slots, &values);
         let mut zero_phase = even.clone();
         plan(true).design.zero_phase(&mut zero_phase).unwrap();
-        let found = answers(plan(true), &slots, &values, 100);
+        let found = filtered(plan(true), &slots, &values, 100);
         for (found, slot) in found.iter().zip(&slots) {
             // The filter's memory is cut at 1e-12 of a range of 102; rounding is of the same size.
             assert!((found - zero_phase[*slot as usize]).abs() < 1e-10);
         }
         let mut causal = even;
         Filter::new(&plan(false).design).process(&mut causal);
-        let found = answers(plan(false), &slots, &values, 100);
+        let found = filtered(plan(false), &slots, &values, 100);
         for (i, (found, slot)) in found.iter().zip(&slots).enumerate() {
             // The first of two rows in a slot gets its output before the second is known.
             if slots.get(i + 1) != Some(slot) {
@@ -315,7 +315,7 @@ mod tests {
         let mut even = spread(&slots, &values);
         plan(true).design.zero_phase(&mut even).unwrap();
         let expected: Vec<f64> = slots.iter().map(|&slot| even[slot as usize]).collect();
-        assert_eq!(answers(plan(true), &slots, &values, 33), expected);
+        assert_eq!(filtered(plan(true), &slots, &values, 33), expected);
     }
 
     #[test]
@@ -326,15 +326,15 @@ mod tests {
         slots.iter_mut().filter(|slot| **slot > 14_000).for_each(|slot| *slot += 300);
         for zero_phase in [true, false] {
             let plan = plan(zero_phase);
-            let whole = answers(plan.clone(), &slots, &values, slots.len());
-            assert_eq!(answers(plan.clone(), &slots, &values, 1), whole);
+            let whole = filtered(plan.clone(), &slots, &values, slots.len());
+            assert_eq!(filtered(plan.clone(), &slots, &values, 1), whole);
             for (first, last) in
                 [(0, 50), (3000, 5000), (4990, 9500), (9010, 12_000), (14_250, 15_000)]
             {
                 let needed = plan.needed(first, last);
                 let rows = slots.partition_point(|s| *s < needed.start)
                     ..slots.partition_point(|s| *s < needed.end);
-                let part = answers(plan.clone(), &slots[rows.clone()], &values[rows.clone()], 97);
+                let part = filtered(plan.clone(), &slots[rows.clone()], &values[rows.clone()], 97);
                 for row in rows.clone().filter(|&row| (first..=last).contains(&slots[row])) {
                     assert_eq!(part[row - rows.start], whole[row], "{zero_phase} {first} {row}");
                 }
@@ -345,18 +345,18 @@ mod tests {
     #[test]
     fn a_pause_of_years_takes_no_memory_and_splits_the_recording() {
         let slots = [0, 1, 2, u64::MAX / 4, u64::MAX / 4 + 1];
-        let found = answers(plan(true), &slots, &[1.0, 1.0, 1.0, 5.0, 5.0], 5);
+        let found = filtered(plan(true), &slots, &[1.0, 1.0, 1.0, 5.0, 5.0], 5);
         assert_eq!(found, [1.0, 1.0, 1.0, 5.0, 5.0]);
-        let found = answers(plan(false), &slots, &[0.0, 0.0, 0.0, 5.0, 5.0], 5);
+        let found = filtered(plan(false), &slots, &[0.0, 0.0, 0.0, 5.0, 5.0], 5);
         assert_eq!(found, [0.0, 0.0, 0.0, 5.0, 5.0]);
     }
 
     #[test]
     fn a_whole_log_that_is_too_short_is_refused() {
         let mut filter = SignalFilter::new(plan(true));
-        let mut answers = Vec::new();
-        filter.push(&[0, 1, 2], &[1.0; 3], &mut answers).unwrap();
-        let error = filter.finish(&mut answers).unwrap_err();
+        let mut outputs = Vec::new();
+        filter.push(&[0, 1, 2], &[1.0; 3], &mut outputs).unwrap();
+        let error = filter.finish(&mut outputs).unwrap_err();
         assert_eq!(error, FilterError::TooFewSamples { samples: 3, needed: 16 });
     }
 }

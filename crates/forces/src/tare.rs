@@ -99,7 +99,7 @@ impl TareSearch {
     }
 
     pub(super) fn look_at(&mut self, calibration: &Calibration, rows: FirstRows<'_>) {
-        self.look_for_rests(calibration, rows);
+        self.look_for_stationary(calibration, rows);
         let wanted = self.wanted();
         for row in 0..rows.fresh.len() {
             if self.is_over || self.found >= wanted {
@@ -121,7 +121,7 @@ impl TareSearch {
         }
     }
 
-    fn look_for_rests(&mut self, calibration: &Calibration, rows: FirstRows<'_>) {
+    fn look_for_stationary(&mut self, calibration: &Calibration, rows: FirstRows<'_>) {
         let (Some(finder), Some(zeros)) = (&mut self.finder, &mut self.zeros) else { return };
         let by_row = self.rows == RowRule::Rows;
         let frames: Vec<bool> = rows.fresh.iter().map(|&fresh| fresh || by_row).collect();
@@ -132,7 +132,9 @@ impl TareSearch {
         // When still, memory terms are zero, so plain channels suffice.
         let channels = rows.readings.iter().take(calibration.channels());
         let readings: Vec<Vec<f64>> = channels.map(|column| pick(column)).collect();
-        finder.look_at(&pick(rows.times_s), &readings, &mut |rest| zeros.add(calibration, rest));
+        finder.look_at(&pick(rows.times_s), &readings, &mut |stationary| {
+            zeros.add(calibration, stationary)
+        });
     }
 
     fn take(&mut self, calibration: &Calibration, rows: FirstRows<'_>, row: usize) {
@@ -219,9 +221,9 @@ struct Knot {
 }
 
 impl StationaryZeros {
-    pub(super) fn add(&mut self, calibration: &Calibration, rest: &StationaryInterval) {
-        if let Some(tare) = calibration.tare(&rest.readings) {
-            let (middle_s, end_s) = (rest.middle_s(), rest.end_s());
+    pub(super) fn add(&mut self, calibration: &Calibration, stationary: &StationaryInterval) {
+        if let Some(tare) = calibration.tare(&stationary.readings) {
+            let (middle_s, end_s) = (stationary.middle_s(), stationary.end_s());
             self.knots.push(Knot { middle_s, end_s, wrench: tare.wrench });
         }
     }

@@ -9,7 +9,7 @@ use std::fmt;
 use calibration::magnitudes::Magnitudes;
 
 /// Duration of a block of time, which has one fastest row, µs of the board's clock.
-const STRETCH_US: i64 = 10_000_000;
+const TIME_BLOCK_US: i64 = 10_000_000;
 
 /// Unit of the counted delays, µs: up to 2.56 s are distinguished.
 const UNIT_US: f64 = 10_000.0;
@@ -17,7 +17,7 @@ const UNIT_US: f64 = 10_000.0;
 #[derive(Clone, Debug, Default)]
 pub struct Latency {
     /// Differences between the clocks in the current block of time, µs.
-    stretch: Vec<i64>,
+    time_block: Vec<i64>,
     start_us: i64,
     /// Delays of the earlier blocks, in [`UNIT_US`].
     delays: Magnitudes,
@@ -34,14 +34,14 @@ pub struct LatencySummary {
 impl Latency {
     /// Adds a row, by its time on the board's clock and its output on the computer's, µs.
     pub fn push(&mut self, board_us: i64, host_us: i64) {
-        if self.stretch.is_empty() {
+        if self.time_block.is_empty() {
             self.start_us = board_us;
         }
-        if !(0..STRETCH_US).contains(&(board_us - self.start_us)) {
+        if !(0..TIME_BLOCK_US).contains(&(board_us - self.start_us)) {
             self.close();
             self.start_us = board_us;
         }
-        self.stretch.push(host_us - board_us);
+        self.time_block.push(host_us - board_us);
     }
 
     pub fn summary(mut self) -> Option<LatencySummary> {
@@ -52,9 +52,9 @@ impl Latency {
     }
 
     fn close(&mut self) {
-        let Some(&fastest) = self.stretch.iter().min() else { return };
-        self.rows += self.stretch.len() as u64;
-        for delay in self.stretch.drain(..) {
+        let Some(&fastest) = self.time_block.iter().min() else { return };
+        self.rows += self.time_block.len() as u64;
+        for delay in self.time_block.drain(..) {
             self.delays.add((delay - fastest) as f64 / UNIT_US);
         }
     }
@@ -75,7 +75,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn delays_are_beyond_the_fastest_row_of_their_stretch() {
+    fn delays_are_beyond_the_fastest_row_of_their_block() {
         let mut latency = Latency::default();
         assert_eq!(latency.clone().summary(), None);
         // 1 kHz for 60 s; the computer's clock gains 1 ms per block; one row in 50 is 5 ms late.

@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn roots_of_zero_and_of_negative_numbers() {
+    fn the_root_of_zero_is_zero_and_of_negative_numbers_nan() {
         assert_eq!(DoubleDouble::ZERO.sqrt(), DoubleDouble::ZERO);
         assert!(DoubleDouble::from(-1.0).sqrt().to_f64().is_nan());
     }

@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn powers_of_two_at_the_ends_of_the_exponent_range() {
+    fn a_power_of_two_beyond_the_exponent_range_is_one() {
         assert_eq!(power_of_two_above(1.0), 1.0);
         assert_eq!(power_of_two_above(1.0 + f64::EPSILON), 2.0);
         assert_eq!(power_of_two_above(f64::MAX), 1.0);

@@ -253,7 +253,7 @@ impl GroupedSums {
     }
 
     /// Covariance of a solution by `solver` of all these rows, with errors correlated within groups; `ridge` is the
-    /// requested one. If groups are blocks of time, `stretches` lists those held out together; exact sums hold out
+    /// requested one. If groups are blocks of time, `time_blocks` lists those held out together; exact sums hold out
     /// each alone.
     ///
     /// # Errors
@@ -262,17 +262,17 @@ impl GroupedSums {
         &self,
         solution: &Solution,
         (solver, ridge): (SolverKind, f64),
-        stretches: Option<&[Range<usize>]>,
+        time_blocks: Option<&[Range<usize>]>,
         workers: Workers<'_>,
     ) -> Result<Covariance, FitError> {
         match self {
             Self::Exact(sums) => {
-                let are_stretches = stretches.is_some();
-                Covariance::from_groups(sums, &solution.model, ridge, are_stretches, workers)
+                let are_time_blocks = time_blocks.is_some();
+                Covariance::from_groups(sums, &solution.model, ridge, are_time_blocks, workers)
             }
             Self::Factored(rows) => {
                 let groups = FittedGroups::from_factors(rows, solution, workers)?;
-                Covariance::from_fitted(&groups, stretches, solution.rows, workers)
+                Covariance::from_fitted(&groups, time_blocks, solution.rows, workers)
             }
             Self::Rows(rows, labels) if solver == SolverKind::Huber => {
                 let block = rows.to_block(labels);
@@ -280,7 +280,7 @@ impl GroupedSums {
             }
             Self::Rows(rows, labels) => {
                 let groups = FittedGroups::from_rows(rows, labels, solution, workers)?;
-                Covariance::from_fitted(&groups, stretches, solution.rows, workers)
+                Covariance::from_fitted(&groups, time_blocks, solution.rows, workers)
             }
         }
     }

@@ -22,10 +22,10 @@ use shell_data::block::FrameLabel;
 use shell_data::wrench::PerAxis;
 
 /// Length of the examined block of time, s.
-const STRETCH_S: f64 = 1.0;
+const TIME_BLOCK_S: f64 = 1.0;
 
 /// Stillness after which a load is recorded, s.
-pub const HOLD_S: f64 = 2.0;
+const STILL_S: f64 = 2.0;
 
 /// Maximum noise of a pose, relative to the noise at the start.
 const QUIET: f64 = 3.0;
@@ -35,7 +35,7 @@ const LEAST_NOISE: f64 = 0.5;
 const LEAST_FORCE_NOISE: f64 = 1e-3;
 
 /// Minimum distance from the unloaded reading: a multiple of the noise, a share of the excursion.
-const OFF_REST: f64 = 8.0;
+const OFF_NOISE: f64 = 8.0;
 const OFF_SHARE: f64 = 0.1;
 
 /// Minimum excursion of all channels together, as a share of that predicted from the load.
@@ -53,9 +53,10 @@ pub struct GuidedLoad {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum GuidePhase {
-    /// A moment without a load, which determines noise and unloaded readings.
+    /// A time without a load, which determines noise and unloaded readings.
     #[default]
-    Rest,
+    #[serde(rename = "rest")]
+    Unloaded,
     Hang,
     Hold,
     Release,
@@ -72,13 +73,13 @@ pub struct ErrorPoint {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Rest {
+pub struct UnloadedValues {
     /// Distance of the readings from those at the start, relative to the largest excursion.
     pub readings: [f64; CHANNELS],
     pub wrench: PerAxis<f64>,
 }
 
-impl Rest {
+impl UnloadedValues {
     pub fn distance(&self, other: &Self) -> f64 {
         length(&std::array::from_fn(|c| self.readings[c] - other.readings[c]))
     }
@@ -126,9 +127,9 @@ pub struct Guide {
     next: usize,
     phase: GuidePhase,
     /// Rows of the block of time, with the values that must be still.
-    stretch: VecDeque<(LiveRow, [f64; CHANNELS])>,
+    time_block: VecDeque<(LiveRow, [f64; CHANNELS])>,
     /// Mean and noise without a load.
-    rest: Option<([f64; CHANNELS], [f64; CHANNELS])>,
+    unloaded: Option<([f64; CHANNELS], [f64; CHANNELS])>,
     /// Largest distance of each channel from its unloaded reading.
     excursion: [f64; CHANNELS],
     /// Minimum excursion of all channels under the recorded loads, relative to their size.
@@ -141,7 +142,7 @@ impl Guide {
     pub fn new(loads: Vec<GuidedLoad>) -> Self {
         Self {
             recorded: vec![false; loads.len()],
-            phase: if loads.is_empty() { GuidePhase::Done } else { GuidePhase::Rest },
+            phase: if loads.is_empty() { GuidePhase::Done } else { GuidePhase::Unloaded },
             loads,
             ..Self::default()
         }
@@ -165,35 +166,35 @@ impl Guide {
     }
 
     /// Returns the newest readings and wrench, if the sensor is unloaded and still.
-    pub fn at_rest(&self) -> Option<Rest> {
-        let (rest, noise) = self.rest?;
+    pub fn unloaded_values(&self) -> Option<UnloadedValues> {
+        let (unloaded, noise) = self.unloaded?;
         // After a load was recorded it is still on, and a light one hardly moves the readings.
         if self.phase != GuidePhase::Hang {
             return None;
         }
         let (means, scatter, step) = self.statistics();
         let readings: [f64; CHANNELS] =
-            std::array::from_fn(|c| (means[c] - rest[c]) / length(&self.excursion));
+            std::array::from_fn(|c| (means[c] - unloaded[c]) / length(&self.excursion));
         let is_still = |c: usize| scatter[c].max(step[c]) <= QUIET * noise[c];
         let is_near = length(&readings) <= OFF_SHARE;
         if !is_near || !(0..CHANNELS).all(is_still) {
             return None;
         }
         // The wrench may come later than the readings.
-        let wrench = self.mean_wrench(self.stretch.len() / 2)?;
-        Some(Rest { readings, wrench })
+        let wrench = self.mean_wrench(self.time_block.len() / 2)?;
+        Some(UnloadedValues { readings, wrench })
     }
 
-    fn hold(&mut self, time_s: f64, index: i64) -> Option<FrameLabel> {
+    fn continue_pose(&mut self, time_s: f64, index: i64) -> Option<FrameLabel> {
         let (since_s, from) = self.still_since?;
-        if time_s - since_s < HOLD_S {
+        if time_s - since_s < STILL_S {
             return None;
         }
         let group = self.loads[self.next].group.clone();
         self.recorded[self.next] = true;
         let (size, (means, ..)) = (self.size(self.next), self.statistics());
-        if let (Some((rest, _)), true) = (self.rest, size > 0.0) {
-            let response = length(&std::array::from_fn(|c| means[c] - rest[c])) / size;
+        if let (Some((unloaded, _)), true) = (self.unloaded, size > 0.0) {
+            let response = length(&std::array::from_fn(|c| means[c] - unloaded[c])) / size;
             self.response = Some(self.response.map_or(response, |least| least.min(response)));
         }
         self.still_since = None;
@@ -205,9 +206,9 @@ impl Guide {
     }
 
     fn await_load(&mut self, is_done: bool) {
-        self.phase = match self.rest {
+        self.phase = match self.unloaded {
             _ if is_done => GuidePhase::Done,
-            None => GuidePhase::Rest,
+            None => GuidePhase::Unloaded,
             Some(_) => GuidePhase::Hang,
         };
         self.still_since = None;
@@ -218,21 +219,21 @@ impl Guide {
         let mean = |rows: std::ops::Range<usize>| -> [f64; CHANNELS] {
             let count = rows.len().max(1) as f64;
             let sum = |c: usize| {
-                self.stretch.range(rows.clone()).map(|(_, values)| values[c]).sum::<f64>()
+                self.time_block.range(rows.clone()).map(|(_, values)| values[c]).sum::<f64>()
             };
             std::array::from_fn(|c| sum(c) / count)
         };
-        let (rows, half) = (self.stretch.len(), self.stretch.len() / 2);
+        let (rows, half) = (self.time_block.len(), self.time_block.len() / 2);
         let (means, first, second) = (mean(0..rows), mean(0..half), mean(half..rows));
         let square = |c: usize| -> f64 {
-            self.stretch.iter().map(|(_, values)| (values[c] - means[c]).powi(2)).sum()
+            self.time_block.iter().map(|(_, values)| (values[c] - means[c]).powi(2)).sum()
         };
         let scatter = std::array::from_fn(|c| (square(c) / (rows - 1).max(1) as f64).sqrt());
         (means, scatter, std::array::from_fn(|c| (second[c] - first[c]).abs()))
     }
 
     fn mean_wrench(&self, from: usize) -> Option<PerAxis<f64>> {
-        let wrenches = self.stretch.range(from..).filter_map(|(row, _)| row.wrench);
+        let wrenches = self.time_block.range(from..).filter_map(|(row, _)| row.wrench);
         let (sum, count) = wrenches.fold(([0.0; 6], 0.0), |(sum, count), wrench| {
             (std::array::from_fn(|axis| sum[axis] + wrench[axis]), count + 1.0)
         });
@@ -265,7 +266,7 @@ impl Guide {
             return distance(&planned) < distance(&[0.0; 6]);
         }
         let is_off = (0..CHANNELS)
-            .any(|c| off[c] > (OFF_REST * noise[c]).max(OFF_SHARE * self.excursion[c]));
+            .any(|c| off[c] > (OFF_NOISE * noise[c]).max(OFF_SHARE * self.excursion[c]));
         // A remainder from springs after the previous load is far less than the next prediction.
         let least =
             self.response.map_or(0.0, |response| OFF_LOAD * response * self.size(self.next));
@@ -282,22 +283,26 @@ impl LoadGuide for Guide {
         };
         let LiveRow { time_s, index, .. } = *row;
         // A restarted board begins a new recording.
-        if self.stretch.back().is_some_and(|(last, _)| time_s < last.time_s) {
-            self.stretch.clear();
+        if self.time_block.back().is_some_and(|(last, _)| time_s < last.time_s) {
+            self.time_block.clear();
             self.still_since = None;
         }
-        self.stretch.push_back((*row, values));
-        while self.stretch.get(1).is_some_and(|(second, _)| time_s - second.time_s >= STRETCH_S) {
-            self.stretch.pop_front();
+        self.time_block.push_back((*row, values));
+        while self
+            .time_block
+            .get(1)
+            .is_some_and(|(second, _)| time_s - second.time_s >= TIME_BLOCK_S)
+        {
+            self.time_block.pop_front();
         }
-        let (first, _) = *self.stretch.front()?;
-        if time_s - first.time_s < STRETCH_S {
+        let (first, _) = *self.time_block.front()?;
+        if time_s - first.time_s < TIME_BLOCK_S {
             return None;
         }
         let (means, scatter, step) = self.statistics();
-        let Some((rest, noise)) = self.rest else {
+        let Some((unloaded, noise)) = self.unloaded else {
             let least = if row.readings.is_some() { LEAST_NOISE } else { LEAST_FORCE_NOISE };
-            self.rest = Some((means, scatter.map(|noise| noise.max(least))));
+            self.unloaded = Some((means, scatter.map(|noise| noise.max(least))));
             self.phase = GuidePhase::Hang;
             return None;
         };
@@ -310,24 +315,24 @@ impl LoadGuide for Guide {
             }
             return None;
         }
-        let off: [f64; CHANNELS] = std::array::from_fn(|c| (means[c] - rest[c]).abs());
+        let off: [f64; CHANNELS] = std::array::from_fn(|c| (means[c] - unloaded[c]).abs());
         (0..CHANNELS).for_each(|c| self.excursion[c] = self.excursion[c].max(off[c]));
         match self.phase {
             GuidePhase::Hang if self.is_loaded(&off, &noise) => {
                 self.phase = GuidePhase::Hold;
                 // The first half may hold the end of the movement.
-                let (middle, _) = self.stretch[self.stretch.len() / 2];
+                let (middle, _) = self.time_block[self.time_block.len() / 2];
                 self.still_since = Some((middle.time_s, middle.index));
                 None
             }
-            GuidePhase::Hold => self.hold(time_s, index),
+            GuidePhase::Hold => self.continue_pose(time_s, index),
             _ => None,
         }
     }
 
     fn first_unsettled(&self) -> Option<i64> {
         let is_done = self.phase == GuidePhase::Done;
-        let first = if is_done { self.stretch.back() } else { self.stretch.front() };
+        let first = if is_done { self.time_block.back() } else { self.time_block.front() };
         self.still_since.map(|(_, index)| index).or(first.map(|(row, _)| row.index))
     }
 
@@ -347,8 +352,8 @@ impl LoadGuide for Guide {
 
     fn view(&self) -> GuideView {
         let next = self.loads.get(self.next).filter(|_| self.phase != GuidePhase::Done);
-        let newest_s = self.stretch.back().map_or(0.0, |(newest, _)| newest.time_s);
-        let held = self.still_since.map_or(0.0, |(since_s, _)| (newest_s - since_s) / HOLD_S);
+        let newest_s = self.time_block.back().map_or(0.0, |(newest, _)| newest.time_s);
+        let held = self.still_since.map_or(0.0, |(since_s, _)| (newest_s - since_s) / STILL_S);
         let whole: f64 = self.loads.iter().map(|load| load.gain).sum();
         let left = self.loads.iter().zip(&self.recorded).filter(|(_, is_recorded)| !**is_recorded);
         let left: f64 = left.map(|(load, _)| load.gain).sum();
@@ -419,7 +424,7 @@ mod tests {
     #[test]
     fn loads_that_are_held_are_recorded_one_after_the_other() {
         let (mut guide, mut bench) = (guide([4.0, 3.0, 1.0]), bench());
-        assert_eq!(guide.view().phase, GuidePhase::Rest);
+        assert_eq!(guide.view().phase, GuidePhase::Unloaded);
         bench.apply(&mut guide, 0.0, 3.0, true);
         let view = guide.view();
         assert_eq!((view.phase, view.number, view.count), (GuidePhase::Hang, 1, 3));
@@ -445,7 +450,7 @@ mod tests {
     }
 
     #[test]
-    fn a_light_load_that_is_still_on_is_no_rest() {
+    fn a_light_load_that_is_still_on_is_not_unloaded() {
         let load = |fx: f64| GuidedLoad {
             group: fx.to_string(),
             text: String::new(),
@@ -457,9 +462,9 @@ mod tests {
         // Before the first load the excursion of the readings is unknown.
         for (fx, is_known) in [(-2.0, false), (0.15, true)] {
             bench.apply(&mut guide, 0.0, 3.0, true);
-            assert_eq!(guide.at_rest().is_some(), is_known);
+            assert_eq!(guide.unloaded_values().is_some(), is_known);
             bench.apply(&mut guide, fx, 5.0, true);
-            assert_eq!((guide.phase(), guide.at_rest()), (GuidePhase::Release, None));
+            assert_eq!((guide.phase(), guide.unloaded_values()), (GuidePhase::Release, None));
         }
         assert_eq!(bench.found.len(), 2);
     }

@@ -133,7 +133,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn solves_and_inverts() {
+    fn a_factor_solves_and_inverts() {
         let a = [[4.0, 0.0, 0.0], [2.0, 5.0, 0.0], [-1.0, 0.5, 3.0]];
         let full = |i: usize, j: usize| a[i.max(j)][i.min(j)];
         let factor = Cholesky::new(&a).unwrap();
@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn agrees_with_the_factor_of_one_matrix() {
+    fn lanes_agree_with_the_factor_of_one_matrix() {
         let a: [[f64; 6]; 6] = std::array::from_fn(|i| {
             std::array::from_fn(|j| if i == j { 9.0 + i as f64 } else { 1.0 / (1 + i + j) as f64 })
         });

@@ -148,9 +148,9 @@ pub(super) fn quadratic_form<'a, S: Simd>(
     sum.max(0.0)
 }
 
-/// [`Answer`](crate::response::Answer) in lanes: the response minus `lo`, and its derivatives.
+/// [`Response`](crate::response::Response) in lanes: the response minus `lo`, and its derivatives.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Answers<S: Simd> {
+pub(super) struct LaneResponse<S: Simd> {
     /// `y − lo`, which is also the derivative with respect to ln h.
     pub(super) height: Lanes<S>,
     /// `dy/dq`.
@@ -158,7 +158,7 @@ pub(super) struct Answers<S: Simd> {
     pub(super) by_shape: Lanes<S>,
 }
 
-impl<S: Simd> Answers<S> {
+impl<S: Simd> LaneResponse<S> {
     /// Evaluates the curves at the displacements `q`, to some 1e-13 of `h`.
     #[inline(always)]
     pub(super) fn at(q: Lanes<S>, h: f64, nu: f64) -> Self {
@@ -221,7 +221,7 @@ mod tests {
     use shell_data::instructions::arch;
 
     use super::*;
-    use crate::response::Answer;
+    use crate::response::Response;
 
     struct At {
         q: f64,
@@ -234,7 +234,7 @@ mod tests {
 
         #[inline(always)]
         fn with_simd<S: Simd>(self, simd: S) -> [f64; 3] {
-            let found = Answers::at(Lanes::splat(simd, self.q), self.h, self.nu);
+            let found = LaneResponse::at(Lanes::splat(simd, self.q), self.h, self.nu);
             [found.height, found.slope, found.by_shape].map(|lanes| lanes.values()[0])
         }
     }
@@ -245,7 +245,7 @@ mod tests {
             let q = f64::from(position) / 8.0;
             for nu in [0.3, 1.0, 2.7] {
                 let found = arch().dispatch(At { q, h: 1.3, nu });
-                let expected = Answer::at_displacement(q, 0.0, 1.3, nu);
+                let expected = Response::at_displacement(q, 0.0, 1.3, nu);
                 // The derivative with respect to ln ν is the last of the gradient.
                 let by_shape = expected.gradient(&[0.0; 6])[9];
                 let expected = [expected.value, expected.slope, by_shape];

@@ -3,7 +3,7 @@ use super::cholesky::{Cholesky, identity};
 use super::fit::{FittedParameters, Observation, Scaled, Scales, fit};
 use super::noise::Noise;
 use super::response::{
-    Answer, FACTORS, Loadings, PARAMETERS, Parameters, add_factors, factor_count,
+    FACTORS, Loadings, PARAMETERS, Parameters, Response, add_factors, factor_count,
 };
 use shell_data::wrench::PerAxis;
 
@@ -44,12 +44,12 @@ pub struct Sensor {
 
 impl Sensor {
     /// Response to a wrench in the model's scales, and its variance from noise and parameters.
-    pub fn answer(&self, x: &PerAxis<f64>, noise: &Noise) -> (Answer, f64) {
-        let answer = Answer::at(&self.parameters, x);
-        let g = answer.gradient(x);
+    pub fn response(&self, x: &PerAxis<f64>, noise: &Noise) -> (Response, f64) {
+        let response = Response::at(&self.parameters, x);
+        let g = response.gradient(x);
         let product = |row: &Parameters| g.iter().zip(row).map(|(g, c)| g * c).sum::<f64>();
         let unsure: f64 = g.iter().zip(&self.covariance).map(|(g, row)| g * product(row)).sum();
-        (answer, noise.variance(answer.slope) + unsure.max(0.0))
+        (response, noise.variance(response.slope) + unsure.max(0.0))
     }
 }
 
@@ -85,14 +85,14 @@ impl PhysicsModel {
         let mut m = identity();
         let (mut pull, mut sum) = ([0.0; FACTORS], 0.0);
         for sensor in &self.sensors {
-            let (answer, variance) = sensor.answer(&x, &self.noise);
+            let (response, variance) = sensor.response(&x, &self.noise);
             let residual =
-                (o.readings[sensor.channel] - sensor.least) / sensor.range - answer.value;
+                (o.readings[sensor.channel] - sensor.least) / sensor.range - response.value;
             sum += residual * residual / variance + libm::log(variance);
             add_factors(
                 &mut m,
                 &mut pull,
-                sensor.loadings.map(|c| c * answer.slope),
+                sensor.loadings.map(|c| c * response.slope),
                 (residual, variance),
             );
         }

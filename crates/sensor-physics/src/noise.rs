@@ -107,7 +107,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn finds_the_variances_that_made_the_residuals() {
+    fn variances_that_made_the_residuals_are_found() {
         let truth = Noise { reading: 3e-4, displacement: 0.01 };
         // The squares equal their expectations, so the likelihood is greatest at the truth.
         let slopes = (0..100).map(|i| f64::from(i) / 300.0);

@@ -23,7 +23,7 @@ pub(super) const OFFSET: usize = 0;
 pub(super) const SHAPE: usize = 7;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Answer {
+pub struct Response {
     /// `y`.
     pub value: f64,
     /// `dy/dq`.
@@ -33,7 +33,7 @@ pub struct Answer {
     by_shape: f64,
 }
 
-impl Answer {
+impl Response {
     /// Response of a sensor with parameters `p` to the wrench `x`.
     #[inline]
     pub fn at(p: &Parameters, x: &PerAxis<f64>) -> Self {
@@ -123,13 +123,13 @@ mod tests {
     #[test]
     fn gradient_equals_that_of_central_differences() {
         for x in [[0.0; 6], [0.3, -0.8, 1.1, 0.2, -0.5, 0.4], [-3.0, 2.0, 1.0, -1.0, 2.0, -2.0]] {
-            let gradient = Answer::at(&P, &x).gradient(&x);
+            let gradient = Response::at(&P, &x).gradient(&x);
             for position in 0..PARAMETERS {
                 let step = 1e-5;
                 let (mut up, mut down) = (P, P);
                 up[position] += step;
                 down[position] -= step;
-                let rise = Answer::at(&up, &x).value - Answer::at(&down, &x).value;
+                let rise = Response::at(&up, &x).value - Response::at(&down, &x).value;
                 // Third derivatives of order 1 times step², and rounding 1e-16/step.
                 let error = (rise / (2.0 * step) - gradient[position]).abs();
                 assert!(error < 1e-9, "{position}: {error:e}");
@@ -140,19 +140,19 @@ mod tests {
     #[test]
     fn the_plateaus_are_finite_and_flat() {
         for q in [-1e6, -800.0, 800.0, 1e6] {
-            let answer = Answer::at_displacement(q, 0.1, 0.8, 0.7);
+            let response = Response::at_displacement(q, 0.1, 0.8, 0.7);
             let plateau = if q < 0.0 { 0.1 } else { 0.9 };
-            assert!((answer.value - plateau).abs() < 1e-12, "{q}: {answer:?}");
-            assert!(answer.slope.abs() < 1e-12 && answer.by_shape.is_finite());
+            assert!((response.value - plateau).abs() < 1e-12, "{q}: {response:?}");
+            assert!(response.slope.abs() < 1e-12 && response.by_shape.is_finite());
         }
     }
 
     #[test]
     fn displacement_inverts_the_curve() {
         for q in [-2.0, -0.1, 0.0, 1.3, 4.0] {
-            let answer = Answer::at_displacement(q, -0.2, 1.3, 1.7);
-            let (found, slope) = displacement(answer.value, -0.2, 1.3, 1.7, 1e-3);
-            assert!((found - q).abs() < 1e-12 && (slope - answer.slope).abs() < 1e-12, "{q}");
+            let response = Response::at_displacement(q, -0.2, 1.3, 1.7);
+            let (found, slope) = displacement(response.value, -0.2, 1.3, 1.7, 1e-3);
+            assert!((found - q).abs() < 1e-12 && (slope - response.slope).abs() < 1e-12, "{q}");
         }
     }
 }

@@ -15,7 +15,7 @@ use pulp::Simd;
 
 use super::cholesky::Cholesky;
 use super::damping::Damping;
-use super::lanes::{Answers, Lanes, MOST_LANES, linear, quadratic_form};
+use super::lanes::{LaneResponse, Lanes, MOST_LANES, linear, quadratic_form};
 use super::noise::Residuals;
 use super::response::{PARAMETERS, Parameters, SHAPE, displacement, move_by};
 use shell_data::vectorised;
@@ -192,10 +192,10 @@ vectorised! {
             for (x, column) in x.iter_mut().zip(data.wrench) {
                 *x = Lanes::load(simd, column, first);
             }
-            let answers = Answers::at(linear(p[0], &p[1..], &x), h, nu);
-            let residual = Lanes::load(simd, data.readings, first) - (answers.height + p[SHAPE]);
+            let response = LaneResponse::at(linear(p[0], &p[1..], &x), h, nu);
+            let residual = Lanes::load(simd, data.readings, first) - (response.height + p[SHAPE]);
             residual.store(&mut curve.residual, first);
-            for (column, g) in curve.gradient.iter_mut().zip(answers.gradient(&x)) {
+            for (column, g) in curve.gradient.iter_mut().zip(response.gradient(&x)) {
                 g.store(column, first);
             }
         }
@@ -283,7 +283,7 @@ fn add_products<S: Simd>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::response::Answer;
+    use crate::response::Response;
 
     #[test]
     fn sums_equal_those_of_the_definition() {
@@ -299,8 +299,8 @@ mod tests {
         let (mut cost, mut information, mut descent) = (0.0, 0.0, 0.0);
         for row in 0..rows {
             let x = std::array::from_fn(|axis| wrench[axis][row]);
-            let answer = Answer::at(&p, &x);
-            let (g, r) = (answer.gradient(&x), readings[row] - answer.value);
+            let response = Response::at(&p, &x);
+            let (g, r) = (response.gradient(&x), readings[row] - response.value);
             cost += 2.0 * r * r;
             information += 2.0 * g[9] * g[4];
             descent += 2.0 * g[8] * r;

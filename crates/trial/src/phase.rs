@@ -96,9 +96,9 @@ fn stride(trace: &Trace, [from, to]: [f64; 2], axis: Axis, sign: f64) -> Option<
     for (force, angle) in force.iter().zip(angle) {
         // A stride goes from phase 0 to phase 2π.
         let turn = (forward * angle / TAU).rem_euclid(1.0);
-        let stretch = ((turn * PHASES as f64) as usize).min(PHASES - 1);
-        sums[stretch] += sign * force;
-        counts[stretch] += 1;
+        let bin = ((turn * PHASES as f64) as usize).min(PHASES - 1);
+        sums[bin] += sign * force;
+        counts[bin] += 1;
     }
     let mean = |i: usize| sums[i] / f64::from(counts[i]);
     counts.iter().all(|&count| count > 0).then(|| std::array::from_fn(mean))

@@ -148,10 +148,11 @@ fn of_drift(
     let mut degrees_of_freedom = None;
     let (basis, standard) = match found {
         Ok(found) => {
-            let rests = found.rests;
-            degrees_of_freedom = Some(rests.saturating_sub(1).max(1) as f64);
-            let basis =
-                format!("standard deviation of the zero at {rests} rests, tared before the first");
+            let intervals = found.rests;
+            degrees_of_freedom = Some(intervals.saturating_sub(1).max(1) as f64);
+            let basis = format!(
+                "standard deviation of the zero in {intervals} stationary intervals, tared before the first"
+            );
             (basis, found.axes.map(|axes| by_axis(&axes, |of| of.wander)))
         }
         Err(error @ WorkflowError::Log(_)) => return Err(error),

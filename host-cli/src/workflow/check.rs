@@ -48,8 +48,8 @@ pub fn check_weights(
         (Err(_), Some(known)) => Err(known),
         (Err(error), None) => return Err(error),
     };
-    let is_rest = |load: &&HungLoad| load.wrench().iter().all(|x| *x == 0.0);
-    if table.loads().iter().all(|load| is_rest(&load)) {
+    let is_unloaded = |load: &&HungLoad| load.wrench().iter().all(|x| *x == 0.0);
+    if table.loads().iter().all(|load| is_unloaded(&load)) {
         return Err(WorkflowError::refused("no weight hangs in any line of the table", None));
     }
     let (data, _) = hung_rows(logs, table, read)?;
@@ -57,8 +57,8 @@ pub fn check_weights(
     let mut gate = gate_of_loads(table, &data, asked, calibration.axes);
     let axes = named.unwrap_or(Axes::ALL).and(calibration.axes);
     let data = calibration.prepared(&data)?;
-    let rest = table.loads().iter().find(is_rest).map(|load| readings_at(&data, load));
-    let tare = rest.and_then(|readings| calibration.tare(&readings));
+    let unloaded = table.loads().iter().find(is_unloaded).map(|load| readings_at(&data, load));
+    let tare = unloaded.and_then(|readings| calibration.tare(&readings));
     let compare = |load: &HungLoad| {
         let readings = readings_at(&data, load);
         let rows = readings.first().map_or(0, Vec::len);
@@ -95,11 +95,11 @@ pub fn check_weights(
             CheckedLoad { group, load, stated, measured, allowed, off, cannot_tell, turned_deg }
         })
     };
-    let weights = table.loads().iter().filter(|load| !is_rest(load));
+    let weights = table.loads().iter().filter(|load| !is_unloaded(load));
     let loads: Vec<CheckedLoad> = weights.filter_map(compare).collect();
     let cannot_tell = loads.iter().all(|of| of.cannot_tell);
     for (load, subject) in table.loads().iter().zip(gate.subjects()) {
-        if cannot_tell && !is_rest(&load) {
+        if cannot_tell && !is_unloaded(&load) {
             let name = &load.group;
             subject.lacks(Axes::ALL, |axes| format!("{axes} of load `{name}`, which is too light"));
         }

@@ -5,8 +5,8 @@ use crate::workflow::{WorkflowError, check_channels};
 use calibration::Calibration;
 use figures::WrenchTrace;
 use forces::by_column;
-use forces::drift::{Drift, FEWEST_RESTS};
-use forces::stationary::{QuietLevel, StationaryFinder};
+use forces::drift::{Drift, FEWEST_STATIONARY};
+use forces::stationary::{StationaryFinder, ZeroEstimate};
 use log_file::{ColumnRef, Log, ReadOptions, Wanted};
 use shell_data::wrench::{AxisValues, PerAxis};
 
@@ -60,8 +60,8 @@ pub fn drift(
     }
     let mut finder = StationaryFinder::default();
     let mut times_s = Vec::new();
-    let mut axes: PerAxis<Vec<QuietLevel>> = PerAxis::default();
-    let mut channels: Vec<Vec<QuietLevel>> = vec![Vec::new(); log.channels()];
+    let mut axes: PerAxis<Vec<ZeroEstimate>> = PerAxis::default();
+    let mut channels: Vec<Vec<ZeroEstimate>> = vec![Vec::new(); log.channels()];
     // A board sends the temperature only now and then: a value holds until the next one.
     let mut said: Vec<(f64, f64)> = Vec::new();
     let summary = log.read(
@@ -84,14 +84,14 @@ pub fn drift(
                 said.extend(known.map(|value| (block.time_s[row], value)));
                 row += rows;
             }
-            finder.look_at(&block.time_s, &block.readings, &mut |rest| {
-                times_s.push(rest.middle_s());
-                for (levels, readings) in channels.iter_mut().zip(&rest.readings) {
-                    levels.push(QuietLevel::new(readings, &rest.parts));
+            finder.look_at(&block.time_s, &block.readings, &mut |stationary| {
+                times_s.push(stationary.middle_s());
+                for (zeros, readings) in channels.iter_mut().zip(&stationary.readings) {
+                    zeros.push(ZeroEstimate::new(readings, &stationary.parts));
                 }
                 if let Some(calibration) = calibration {
-                    let wrench = QuietLevel::from_wrench(calibration, rest);
-                    axes.iter_mut().zip(wrench).for_each(|(levels, level)| levels.push(level));
+                    let wrench = ZeroEstimate::from_wrench(calibration, stationary);
+                    axes.iter_mut().zip(wrench).for_each(|(zeros, zero)| zeros.push(zero));
                 }
             });
             Ok::<(), WorkflowError>(())
@@ -104,14 +104,14 @@ pub fn drift(
     let temperatures: Vec<Option<f64>> = times_s.iter().map(temperature_at).collect();
     let calibration_axes = calibration.map(|calibration| calibration.axes);
     let quantities = calibration_axes.map_or(channels.len(), |axes| axes.iter().count());
-    let of = |levels: &Vec<QuietLevel>| Drift::fit(levels, &times_s, &temperatures, quantities);
+    let of = |zeros: &Vec<ZeroEstimate>| Drift::fit(zeros, &times_s, &temperatures, quantities);
     let too_few = || {
         let found = times_s.len();
         WorkflowError::refused(
             format!(
-                "`{path}` has `{found}` stationary intervals, a drift needs at least {FEWEST_RESTS}"
+                "`{path}` has `{found}` stationary intervals, a drift needs at least {FEWEST_STATIONARY}"
             ),
-            "begin with the sensor at rest and unloaded, and let it rest for a second or more now and then",
+            "begin with the sensor still and unloaded, and leave it so for a second or more now and then",
         )
     };
     let channel_drifts = channels.iter().map(of).collect::<Option<Vec<_>>>().ok_or_else(too_few)?;
@@ -125,8 +125,8 @@ pub fn drift(
     let known = temperatures.iter().copied().flatten();
     let extremes = known.clone().reduce(f64::min).zip(known.reduce(f64::max));
     let mut trace = WrenchTrace::default();
-    trace.add(&times_s, &axes.each_ref().map(|levels| from_first(levels)));
-    let points = |levels: &Vec<QuietLevel>| std::iter::zip(times_s.clone(), from_first(levels));
+    trace.add(&times_s, &axes.each_ref().map(|zeros| from_first(zeros)));
+    let points = |zeros: &Vec<ZeroEstimate>| std::iter::zip(times_s.clone(), from_first(zeros));
     Ok(DriftSummary {
         rows: summary.rows,
         skipped_rows: summary.skipped_rows,
@@ -137,7 +137,7 @@ pub fn drift(
         axes: axis_drifts,
         channels: channel_drifts,
         trace,
-        channel_changes: channels.iter().map(|levels| points(levels).collect()).collect(),
+        channel_changes: channels.iter().map(|zeros| points(zeros).collect()).collect(),
     })
 }
 
@@ -151,8 +151,8 @@ fn temperature_of(text: &str) -> Result<Option<f64>, String> {
     number.map(Some).ok_or_else(|| text.to_owned())
 }
 
-fn from_first(column: &[QuietLevel]) -> Vec<f64> {
-    column.iter().map(|level| level.mean - column[0].mean).collect()
+fn from_first(column: &[ZeroEstimate]) -> Vec<f64> {
+    column.iter().map(|zero| zero.mean - column[0].mean).collect()
 }
 
 fn by_axis<S: serde::Serializer>(

@@ -5,8 +5,7 @@ use super::remark::{Remark, about_fit};
 use super::{WorkflowError, agree_on_axes, check_channels, check_logs};
 use calibration::FitError;
 use calibration::fit::{
-    Fault, Fit, FitMethod, FitOptions, GroupsAsked, HeldOut, OutlierRule, Outliers,
-    may_have_plateaus,
+    Fault, Fit, FitMethod, FitOptions, GroupsAsked, HeldOut, OutlierRule, Outliers, may_have_poses,
 };
 use calibration::quality::AxisQuality;
 use calibration::validation::cross_validation::CrossValidation;
@@ -153,7 +152,7 @@ fn wanted_for(logs: &[Log], asked: GroupsAsked, in_time: bool) -> Result<Wanted,
     let are_given = !logs.is_empty() && logs.iter().all(Log::has_groups);
     let is_given = are_given || logs.len() > 1;
     let may_be_found = |log: &Log| -> Result<bool, WorkflowError> {
-        Ok(may_have_plateaus(&log.sample(&rows_wanted())?, log.compression().is_some()))
+        Ok(may_have_poses(&log.sample(&rows_wanted())?, log.compression().is_some()))
     };
     let (groups, finds) = match asked {
         GroupsAsked::Nothing => (false, false),
@@ -163,7 +162,7 @@ fn wanted_for(logs: &[Log], asked: GroupsAsked, in_time: bool) -> Result<Wanted,
             (false, found.into_iter().all(|may_be| may_be))
         }
         GroupsAsked::HeldOut(HeldOut::Column) => (true, false),
-        GroupsAsked::HeldOut(HeldOut::Plateaus) => (are_given, true),
+        GroupsAsked::HeldOut(HeldOut::Poses) => (are_given, true),
         GroupsAsked::HeldOut(_) => (are_given, !is_given),
     };
     let time = (finds || in_time) && logs.iter().all(Log::has_time);

@@ -11,7 +11,7 @@ use super::WorkflowError;
 use super::fit::FitData;
 use super::gates::{Gate, GateSubject};
 use calibration::FitError;
-use calibration::fit::label_holds;
+use calibration::fit::label_loads;
 use calibration::physics::uncertain_loads::{
     CorrectedLoad, CorrectedLoads, StatedLoad, correct_loads,
 };
@@ -113,8 +113,7 @@ pub(super) fn wanted(logs: &[Log]) -> Wanted {
     }
 }
 
-/// The wanted columns of logs, labelled by load: the group column, or stretches of still readings in the order
-/// of the table.
+/// The wanted columns of logs, labelled by load: the group column, or poses in the order of the table.
 pub(super) fn labelled_rows(
     logs: &[Log],
     table: &HungLoads,
@@ -129,7 +128,7 @@ pub(super) fn labelled_rows(
     }
     let labels: Vec<String> = table.loads().iter().map(|load| load.group.clone()).collect();
     let hint = "give the log a group column with the labels of the table, as `calibrate` writes it";
-    label_holds(&data, &labels).map_err(|error| WorkflowError::refused(error, hint))
+    label_loads(&data, &labels).map_err(|error| WorkflowError::refused(error, hint))
 }
 
 /// The rows of logs at the loads of a table, with the loads as their wrench, and the number of rows left out.

@@ -24,7 +24,7 @@ pub struct NoiseSummary {
     pub axes: AxisValues<Scatter>,
     /// Noise of the readings of each channel, counts.
     pub channels: Vec<Scatter>,
-    /// Change of the zero between the first rest and the last; only for a log with time and two rests.
+    /// Change of the zero between the first stationary interval and the last; only for a log with time and two of them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub zero: Option<ZeroMove>,
 }

@@ -365,7 +365,7 @@ fn files_can_be_the_groups_and_results_do_not_depend_on_threads() {
 }
 
 #[test]
-fn without_groups_stretches_of_time_are_held_out_and_means_are_refused() {
+fn without_groups_blocks_of_time_are_held_out_and_means_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     let text = log(&poses(30, 5, 50, 400.0, 0.01, curved)).replace(",group", ",remark");
     fs::write(dir.path().join("one.csv"), text).unwrap();

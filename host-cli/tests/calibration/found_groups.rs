@@ -54,7 +54,7 @@ fn fit(dir: &TempDir, arguments: &str) -> (Value, String) {
 const NOISES: [f64; 2] = [0.0, 0.01];
 
 #[test]
-fn a_log_of_plateaus_gets_the_figures_of_its_group_column_to_the_last_digit() {
+fn a_log_of_poses_gets_the_figures_of_its_group_column_to_the_last_digit() {
     let dir = tempfile::tempdir().unwrap();
     for noise in NOISES {
         let rows = poses(47, 47, noise);
@@ -84,7 +84,7 @@ fn a_log_of_plateaus_gets_the_figures_of_its_group_column_to_the_last_digit() {
 }
 
 #[test]
-fn plateaus_do_not_depend_on_threads_and_more_logs_are_held_out_by_file_unless_asked() {
+fn poses_do_not_depend_on_threads_and_more_logs_are_held_out_by_file_unless_asked() {
     let dir = tempfile::tempdir().unwrap();
     for (name, seed) in [("a.csv", 3), ("b.csv", 4)] {
         fs::write(dir.path().join(name), text(&poses(seed, 12, 0.01), "")).unwrap();
@@ -116,7 +116,7 @@ fn groups_can_be_the_values_of_any_column() {
 }
 
 #[test]
-fn recordings_between_jumps_of_the_clock_are_held_out_where_there_are_no_plateaus() {
+fn recordings_between_jumps_of_the_clock_are_held_out_where_there_are_no_poses() {
     let dir = tempfile::tempdir().unwrap();
     let mut random = Random(8);
     let mut rows = Vec::new();
@@ -149,7 +149,7 @@ fn recordings_between_jumps_of_the_clock_are_held_out_where_there_are_no_plateau
 }
 
 #[test]
-fn test_rows_of_plateaus_that_were_trained_on_earn_a_warning_in_any_order() {
+fn test_rows_of_poses_that_were_trained_on_earn_a_warning_in_any_order() {
     let dir = tempfile::tempdir().unwrap();
     let mut rows = poses(21, 30, 0.0);
     let write = |name: &str, rows: &[Row]| {

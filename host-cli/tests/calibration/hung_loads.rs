@@ -168,7 +168,7 @@ fn a_mistyped_angle_is_named_under_creep_and_without_stated_errors() {
 }
 
 #[test]
-fn without_labels_loads_are_the_still_stretches_in_order() {
+fn without_labels_loads_are_the_poses_in_order() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     let mut random = Random(8);

@@ -36,7 +36,7 @@ class Calibration:
     Parameters
     ----------
     model : {"linear", "cubic", "quadratic", "cubic+products", "poly3", "auto", "physics"}
-        ``"auto"`` compares all models on held-out groups (`groups`, or plateaus, or blocks of time). It takes the
+        ``"auto"`` compares all models on held-out groups (`groups`, or poses, or blocks of time). It takes the
         smallest polynomial that predicts them as well as the best, with its ridge, or the physics model if that
         predicts them better. ``"physics"`` inverts the response of photointerrupters to a wrench: for few poses, and
         for loads outside their range. It holds all rows in memory, takes some seconds, and does not use `intercept`,

@@ -30,7 +30,7 @@ pub struct RunningForces {
     stage: ForceStage,
     memory: Option<MemoryState>,
     /// Finds stationary intervals, if the tare follows them.
-    rests: Option<StationaryFinder>,
+    finder: Option<StationaryFinder>,
     newest: Option<PerAxis<f64>>,
 }
 
@@ -65,12 +65,12 @@ impl RunningForces {
             return Err(UnsuitableCalibration::Channels(channels));
         }
         let options = live.options.with_delay(true);
-        let rests = options.tare.follows_rests().then(StationaryFinder::default);
+        let finder = options.tare.follows_rests().then(StationaryFinder::default);
         let setup = Box::new(PipelineSetup::while_recording(options));
         let (times_s, readings) = (Vec::new(), vec![Vec::new(); live.calibration.columns()]);
         let stage = ForceStage::Setup { setup, times_s, readings };
         let memory = live.calibration.start_memory();
-        Ok(Self { calibration: live.calibration, options, stage, memory, rests, newest: None })
+        Ok(Self { calibration: live.calibration, options, stage, memory, finder, newest: None })
     }
 
     /// Computes the forces of frames that hold readings. Fails with [`ForceError`] if the low-pass
@@ -89,7 +89,7 @@ impl RunningForces {
             (&mut self.stage, first < frames.len())
         {
             let (times_s, readings) = (&times_s[first..], cut(&readings, first..frames.len()));
-            follow(&mut self.rests, pipeline, &self.calibration, times_s, &readings);
+            follow(&mut self.finder, pipeline, &self.calibration, times_s, &readings);
             let tared = pipeline.wrench(&self.calibration, times_s, &readings);
             let filtered = stream.push(times_s, tared)?;
             wrench.iter_mut().zip(filtered).for_each(|(wrench, rest)| wrench.extend(rest));
@@ -146,7 +146,7 @@ impl RunningForces {
         }
         if setup.is_done() {
             let mut pipeline = setup.as_ref().clone().finish(&self.calibration)?;
-            follow(&mut self.rests, &mut pipeline, &self.calibration, kept_s, kept);
+            follow(&mut self.finder, &mut pipeline, &self.calibration, kept_s, kept);
             let mut stream = pipeline.stream(&Axis::ALL);
             stream.push(kept_s, pipeline.wrench(&self.calibration, kept_s, kept))?;
             let (pipeline, stream) = (Box::new(pipeline), Box::new(stream));
@@ -158,16 +158,17 @@ impl RunningForces {
 
 /// Passes stationary intervals that end in these frames to the pipeline, if its tare follows them.
 fn follow(
-    rests: &mut Option<StationaryFinder>,
+    finder: &mut Option<StationaryFinder>,
     pipeline: &mut ForcePipeline,
     calibration: &Calibration,
     times_s: &[f64],
     readings: &[Vec<f64>],
 ) {
-    if let Some(finder) = rests {
+    if let Some(finder) = finder {
         // Memory columns do not matter while the sensor is still.
         let channels = &readings[..calibration.channels()];
-        finder.look_at(times_s, channels, &mut |rest| pipeline.follow(calibration, rest));
+        finder
+            .look_at(times_s, channels, &mut |stationary| pipeline.follow(calibration, stationary));
     }
 }
 

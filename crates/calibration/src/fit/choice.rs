@@ -8,7 +8,9 @@ use super::refits::{
     sum_groups, sum_groups_or_sets,
 };
 use super::warning::{FewGroups, Warning};
-use crate::groups::{FoundGroups, GroupBy, HeldOut, label_groups, label_poses, stretches_of_files};
+use crate::groups::{
+    FoundGroups, GroupBy, HeldOut, label_groups, label_poses, time_blocks_of_files,
+};
 use least_squares::error::FitError;
 use least_squares::grouped_rows::GroupedRows;
 use least_squares::grouped_rows::MAX_GROUPS;
@@ -36,7 +38,7 @@ pub(super) struct ModelChoice {
     /// Sums for the covariance by group, if `sums` do not suit the solver or the groups.
     pub(super) own_sums: Option<GroupedSums>,
     /// Groups that the covariance holds out together, if they are blocks of time.
-    pub(super) stretches: Option<Vec<Range<usize>>>,
+    pub(super) time_blocks: Option<Vec<Range<usize>>>,
     pub(super) group_by: Option<GroupBy>,
     pub(super) labelled: Option<Dataset>,
     pub(super) by_group: bool,
@@ -64,12 +66,12 @@ impl ModelChoice {
 
     /// Holds out each block of time alone for the covariance, if blocks have, on average, at least half as many rows
     /// as the model has features: each then adds little to the scatter of all.
-    fn set_stretches(&mut self, sums: &GroupedSums, model: &Model) {
+    fn set_time_blocks(&mut self, sums: &GroupedSums, model: &Model) {
         let groups = sums.groups();
         let are_long = 2 * sums.rows() >= (groups * model.term_count()) as u64;
-        let are_stretches = self.group_by.is_some_and(|by| by.is_stretches());
+        let are_time_blocks = self.group_by.is_some_and(|by| by.is_time_blocks());
         let each_alone = || (0..groups).map(|group| group..group + 1).collect();
-        self.stretches = (are_long && are_stretches).then(each_alone);
+        self.time_blocks = (are_long && are_time_blocks).then(each_alone);
     }
 
     /// Returns the warnings about missing standard errors by group, with the fit's own reason `not_grouped`.
@@ -170,7 +172,7 @@ pub(super) fn choose(input: FitInput<'_>) -> Result<ModelChoice, FitError> {
     if choice.by_group && !sums_serve {
         options.keep_for_solver(&mut choice, &rows);
     }
-    options.keep_stretches_of_files(&mut choice);
+    options.keep_time_blocks_of_files(&mut choice);
     Ok(choice)
 }
 
@@ -206,7 +208,7 @@ impl FitOptions<'_> {
         let by_group = match self.covariance {
             CovarianceRule::Groups => true,
             CovarianceRule::Auto => {
-                group_by.as_ref().is_some_and(|by| by.is_poses() || by.is_stretches())
+                group_by.as_ref().is_some_and(|by| by.is_poses() || by.is_time_blocks())
             }
             CovarianceRule::Rows | CovarianceRule::Nothing => false,
         };
@@ -270,7 +272,7 @@ impl FitOptions<'_> {
                 choice.advice = sums.advice(&model, choice.ridge)?;
             }
         }
-        choice.set_stretches(&sums, &model);
+        choice.set_time_blocks(&sums, &model);
         choice.sums = Some(sums);
         Ok(choice)
     }
@@ -300,15 +302,15 @@ impl FitOptions<'_> {
     }
 
     /// Takes standard errors and intervals from blocks of time, if files of motion were held out.
-    fn keep_stretches_of_files(&self, choice: &mut ModelChoice) {
+    fn keep_time_blocks_of_files(&self, choice: &mut ModelChoice) {
         let is_served = self.validates()
             && self.covariance == CovarianceRule::Auto
             && self.solver != SolverKind::Huber
             && choice.group_by == Some(GroupBy::File);
         let Some(rows) = choice.labelled.as_ref().filter(|_| is_served) else { return };
-        let Some((rows, files)) = stretches_of_files(rows) else { return };
+        let Some((rows, files)) = time_blocks_of_files(rows) else { return };
         let most = files.len().div_ceil(FOLDS);
-        choice.stretches = Some(match files.len() {
+        choice.time_blocks = Some(match files.len() {
             0..=MOST_ALONE => files,
             _ => files.chunks(most).map(|of| of[0].start..of[of.len() - 1].end).collect(),
         });
@@ -320,7 +322,7 @@ impl FitOptions<'_> {
     fn keep_for_solver(&self, choice: &mut ModelChoice, rows: &Dataset) {
         let (sums, model) = (rows_by_group(rows), self.model_of(rows, choice.basis));
         self.test_group_count(choice, &model, sums.groups());
-        choice.set_stretches(&sums, &model);
+        choice.set_time_blocks(&sums, &model);
         choice.own_sums = Some(sums);
     }
 

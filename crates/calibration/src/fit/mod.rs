@@ -64,9 +64,9 @@ pub use self::tested::{TestedCalibration, frame_interval};
 pub use self::verdict::{FrameInterval, UnseenErrors, UnseenRows, Verdict};
 pub use self::warning::{FewGroups, Warning};
 pub use crate::groups::{
-    FoundGroups, FoundKind, GroupBy, HeldOut, label_groups, label_poses_or_files, may_have_plateaus,
+    FoundGroups, FoundKind, GroupBy, HeldOut, label_groups, label_poses_or_files, may_have_poses,
 };
-pub use crate::holds::{HoldMismatch, label_holds};
+pub use crate::load_labels::{PoseMismatch, label_loads};
 pub use least_squares::passes::Workers;
 
 use self::choice::{FitInput, ModelChoice, choose};
@@ -319,7 +319,7 @@ fn drop_outliers(train: &Dataset, options: &FitOptions<'_>) -> Result<Outliers, 
 
 fn fit_to_means(input: FitInput<'_>) -> Result<Fit, FitError> {
     let held_out = input.options.validation().unwrap_or(HeldOut::Auto);
-    let labelled = input.labelled(held_out).filter(|(by, _)| !by.is_stretches());
+    let labelled = input.labelled(held_out).filter(|(by, _)| !by.is_time_blocks());
     let (by, rows) = labelled.ok_or(FitError::NoGroups)?;
     let means = means::group_means(&rows)?;
     let options = &FitOptions { fresh: false, ..*input.options };

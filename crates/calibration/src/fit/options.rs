@@ -56,7 +56,7 @@ pub enum OutlierRule {
 /// The source of the covariance of the coefficients.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CovarianceRule {
-    /// Groups of the logs' column or plateaus, if there are at least ten; otherwise rows.
+    /// Groups of the logs' column or poses, if there are at least ten; otherwise rows.
     Auto,
     /// Groups within which errors are alike: groups of a column, files, or groups found in the rows.
     Groups,

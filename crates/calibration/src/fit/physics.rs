@@ -143,7 +143,7 @@ fn assign_folds(rows: &TrainingRows, folds: usize) -> Result<Vec<Vec<u64>>, FitE
 fn fold_count(held_out: HeldOut, groups: usize, group_by: GroupBy) -> usize {
     match held_out {
         HeldOut::Folds(folds) => folds.min(groups),
-        _ if groups <= MOST_ALONE && !group_by.is_stretches() => groups,
+        _ if groups <= MOST_ALONE && !group_by.is_time_blocks() => groups,
         _ => FOLDS,
     }
 }
@@ -231,7 +231,7 @@ fn is_worth_trying(
 ) -> Result<bool, FitError> {
     let cubic = Model { basis: Basis::Cubic, ..*model };
     let are_few = sums.groups.len() < GROUPS_PER_FEATURE * cubic.term_count();
-    if are_few && !group_by.is_stretches() {
+    if are_few && !group_by.is_time_blocks() {
         return Ok(true);
     }
     let (Some(whole), Some(held_out)) = (sums.total(), &choice.cross_validation) else {

@@ -36,7 +36,7 @@ fn covariance(
     let sums = choice.covariance_sums().filter(|_| choice.by_group);
     let Some(sums) = sums else { return (by_rows(), None) };
     let by = (solver, choice.ridge);
-    let found = sums.covariance(solution, by, choice.stretches.as_deref(), options.workers);
+    let found = sums.covariance(solution, by, choice.time_blocks.as_deref(), options.workers);
     match found {
         Ok(covariance) => (Some(covariance), None),
         Err(error) => (by_rows(), Some(error)),

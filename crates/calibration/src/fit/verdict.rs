@@ -213,7 +213,7 @@ fn unseen_errors(fit: &Fit) -> Option<UnseenErrors> {
     let test = fit.test();
     let (rms, on) = match (&fit.cross_validation, fit.group_by, test.quality()) {
         (Some(found), Some(by), _) => {
-            let are_shuffled = by.is_stretches() && crate::groups::rows_are_shuffled(&fit.used);
+            let are_shuffled = by.is_time_blocks() && crate::groups::rows_are_shuffled(&fit.used);
             let (groups, folds) = (found.groups, found.folds);
             let on = UnseenRows::HeldOut { by, groups, folds, are_shuffled };
             (found.grouped.map(|of| of.rms), on)

@@ -1,7 +1,7 @@
 //! Choice of loads by their information, from smooth responses or a physics model.
 
 use sensor_physics::cholesky::{Cholesky, diagonal};
-use sensor_physics::response::{Answer, Parameters};
+use sensor_physics::response::{Parameters, Response};
 use sensor_physics::{PhysicsCalibration, PhysicsModel, Sensor};
 use shell_data::wrench::PerAxis;
 
@@ -104,7 +104,7 @@ pub struct SensorKnowledge {
     inflation: PerAxis<f64>,
 }
 
-struct SensorAnswer {
+struct SensorResponse {
     gradient: Parameters,
     /// Derivatives with respect to the wrench, in the model's scales.
     slopes: PerAxis<f64>,
@@ -123,47 +123,47 @@ impl SensorKnowledge {
         Self { model: model.clone(), inflation: [1.0; 6] }
     }
 
-    fn answers(&self, load: &PerAxis<f64>) -> Vec<SensorAnswer> {
+    fn responses(&self, load: &PerAxis<f64>) -> Vec<SensorResponse> {
         let PhysicsModel { sensors, noise, wrench_scale, .. } = &self.model;
         let x: PerAxis<f64> = std::array::from_fn(|axis| load[axis] / wrench_scale[axis]);
         let of = |Sensor { parameters, .. }: &Sensor| {
-            let answer = Answer::at(parameters, &x);
-            SensorAnswer {
-                gradient: answer.gradient(&x),
-                slopes: std::array::from_fn(|axis| answer.slope * parameters[1 + axis]),
-                noise: noise.variance(answer.slope),
+            let response = Response::at(parameters, &x);
+            SensorResponse {
+                gradient: response.gradient(&x),
+                slopes: std::array::from_fn(|axis| response.slope * parameters[1 + axis]),
+                noise: noise.variance(response.slope),
             }
         };
         sensors.iter().map(of).collect()
     }
 
     fn observe(&mut self, load: &PerAxis<f64>) {
-        for (answer, sensor) in self.answers(load).iter().zip(&mut self.model.sensors) {
-            observe(&mut sensor.covariance, &answer.gradient, answer.noise);
+        for (response, sensor) in self.responses(load).iter().zip(&mut self.model.sensors) {
+            observe(&mut sensor.covariance, &response.gradient, response.noise);
         }
     }
 
     /// `Σᵢ ln(1 + jᵢᵀCᵢjᵢ/vᵢ)`.
     fn gain(&self, load: &PerAxis<f64>) -> f64 {
-        let pairs = self.model.sensors.iter().zip(self.answers(load));
-        let gain = |(sensor, SensorAnswer { gradient, noise, .. }): (&Sensor, SensorAnswer)| {
+        let pairs = self.model.sensors.iter().zip(self.responses(load));
+        let gain = |(sensor, SensorResponse { gradient, noise, .. }): (&Sensor, SensorResponse)| {
             (variance(&sensor.covariance, &gradient) / noise).ln_1p()
         };
         pairs.map(gain).sum()
     }
 
     /// Mean variances of a wrench over some loads with these responses, in the model's scales.
-    fn mean_variances(&self, range: &[Vec<SensorAnswer>]) -> PerAxis<f64> {
+    fn mean_variances(&self, range: &[Vec<SensorResponse>]) -> PerAxis<f64> {
         let PhysicsModel { sensors, load_precision, lambda, .. } = &self.model;
         let mut sums = [0.0; 6];
-        for answers in range {
+        for responses in range {
             let mut information = load_precision.map(|row| row.map(|x| lambda * x));
-            for (answer, sensor) in answers.iter().zip(sensors) {
-                let own = variance(&sensor.covariance, &answer.gradient);
-                let weight = (answer.noise + own).recip();
-                for (row, slope) in information.iter_mut().zip(answer.slopes) {
+            for (response, sensor) in responses.iter().zip(sensors) {
+                let own = variance(&sensor.covariance, &response.gradient);
+                let weight = (response.noise + own).recip();
+                for (row, slope) in information.iter_mut().zip(response.slopes) {
                     let share = weight * slope;
-                    let pairs = row.iter_mut().zip(answer.slopes);
+                    let pairs = row.iter_mut().zip(response.slopes);
                     pairs.for_each(|(sum, other)| *sum += share * other);
                 }
             }
@@ -176,7 +176,7 @@ impl SensorKnowledge {
         sums.map(|sum| sum / range.len().max(1) as f64)
     }
 
-    fn errors(&self, range: &[Vec<SensorAnswer>]) -> PerAxis<f64> {
+    fn errors(&self, range: &[Vec<SensorResponse>]) -> PerAxis<f64> {
         let (variances, scale) = (self.mean_variances(range), &self.model.wrench_scale);
         std::array::from_fn(|axis| variances[axis].sqrt() * scale[axis] * self.inflation[axis])
     }
@@ -275,13 +275,13 @@ impl<'a> Planner<'a> {
         match &self.knowledge {
             Knowledge::Surface(surface) => PredictedError::Relative(surface.error(&self.range)),
             Knowledge::Sensors(sensors) => {
-                PredictedError::Wrench(sensors.errors(&self.answers(sensors)))
+                PredictedError::Wrench(sensors.errors(&self.responses(sensors)))
             }
         }
     }
 
-    fn answers(&self, sensors: &SensorKnowledge) -> Vec<Vec<SensorAnswer>> {
-        self.range.iter().map(|load| sensors.answers(load)).collect()
+    fn responses(&self, sensors: &SensorKnowledge) -> Vec<Vec<SensorResponse>> {
+        self.range.iter().map(|load| sensors.responses(load)).collect()
     }
 
     fn gain(&self, load: &PerAxis<f64>) -> f64 {
@@ -300,7 +300,7 @@ impl<'a> Planner<'a> {
                 loads.map(|load| surface.variance_gain(load, &self.range)).collect()
             }
             (Order::AverageVariance, Knowledge::Sensors(sensors)) => {
-                let range = self.answers(sensors);
+                let range = self.responses(sensors);
                 let after = |load| {
                     let mut after = sensors.clone();
                     after.observe(load);

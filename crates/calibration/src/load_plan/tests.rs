@@ -7,7 +7,7 @@ use super::planner::observe as observe_load;
 use super::*;
 use least_squares::passes::Workers;
 use sensor_physics::cholesky::diagonal;
-use sensor_physics::response::{Answer, Parameters};
+use sensor_physics::response::{Parameters, Response};
 use sensor_physics::{Inversion, Observation, PhysicsModel};
 use shell_data::wrench::PerAxis;
 
@@ -32,7 +32,7 @@ fn parameters(sensor: usize) -> Parameters {
 fn observe(group: u64, wrench: PerAxis<f64>, noise: f64, random: &mut Random) -> Observation {
     let scale = [2.9, 2.9, 2.9, 0.115, 0.115, 0.115];
     let x: PerAxis<f64> = std::array::from_fn(|axis| wrench[axis] / scale[axis]);
-    let reading = |sensor: usize| 1000.0 * Answer::at(&parameters(sensor), &x).value;
+    let reading = |sensor: usize| 1000.0 * Response::at(&parameters(sensor), &x).value;
     let readings = (0..8).map(|sensor| reading(sensor) + noise * random.normal()).collect();
     Observation { group, wrench, readings }
 }

@@ -13,7 +13,7 @@ use super::{
     ZERO, errors,
 };
 use crate::conversion::{Calibration, Kind};
-use sensor_physics::response::Answer;
+use sensor_physics::response::Response;
 use sensor_physics::{Observation, PhysicsModel, Sensor};
 use shell_data::wrench::PerAxis;
 
@@ -292,7 +292,7 @@ impl<'a> ChangeSearch<'a> {
                     let x = scaled(model, &o.wrench);
                     let pairs = changed.sensors.iter().zip(&model.sensors);
                     let difference = |(of, before): (&Sensor, &Sensor)| {
-                        let predicted = Answer::at(&of.parameters, &x).value;
+                        let predicted = Response::at(&of.parameters, &x).value;
                         let reading = o.readings[of.channel];
                         (reading - predicted.mul_add(of.range, of.least)) / before.range
                     };
@@ -363,8 +363,8 @@ fn scaled(model: &PhysicsModel, wrench: &PerAxis<f64>) -> PerAxis<f64> {
 fn covariance_of_readings(model: &PhysicsModel, wrench: &PerAxis<f64>) -> Mat<f64> {
     let x = scaled(model, wrench);
     let of = |sensor: &Sensor| {
-        let (answer, own) = sensor.answer(&x, &model.noise);
-        (own, sensor.loadings.map(|c| c * answer.slope))
+        let (response, own) = sensor.response(&x, &model.noise);
+        (own, sensor.loadings.map(|c| c * response.slope))
     };
     let sensors: Vec<_> = model.sensors.iter().map(of).collect();
     Mat::from_fn(sensors.len(), sensors.len(), |i, j| {

@@ -301,7 +301,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_missing_is_named() {
+    fn axes_without_loads_with_one_sign_or_coupled_are_named() {
         let wrench = columns(64, |axis, row| match axis {
             1 => 0.0,
             2 => -wave(2, row).abs(),

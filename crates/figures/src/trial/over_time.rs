@@ -249,8 +249,8 @@ impl Passage {
     }
 
     pub(super) fn draw(&self, canvas: &mut Figure, panel: &Panel) {
-        let partly = self.partly_s.iter().map(|stretch| (stretch, palette::PARTLY_INSIDE));
-        let wholly = self.wholly_s.iter().map(|stretch| (stretch, palette::INSIDE));
+        let partly = self.partly_s.iter().map(|span| (span, palette::PARTLY_INSIDE));
+        let wholly = self.wholly_s.iter().map(|span| (span, palette::INSIDE));
         for (&[from, to], colour) in partly.chain(wholly) {
             let ValueRange { low, high } = panel.x.range;
             let (from, to) = (from.max(low), to.min(high));
@@ -264,7 +264,7 @@ impl Passage {
     }
 
     pub(super) fn keys(&self, ValueRange { low, high }: ValueRange) -> Vec<LegendKey<'static>> {
-        let is_seen = |stretch: &[f64; 2]| stretch[0] < high && stretch[1] > low;
+        let is_seen = |span: &[f64; 2]| span[0] < high && span[1] > low;
         let partly = LegendKey::Area(self.partly_name, palette::PARTLY_INSIDE);
         let wholly = LegendKey::Area("fully inside", palette::INSIDE);
         let keys = [

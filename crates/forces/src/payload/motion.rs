@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn a_step_is_between_the_means_of_adjoining_stretches() {
+    fn a_step_is_between_the_means_of_adjoining_blocks() {
         let motion = Motion::new(&[0.0, 1.0, 3.0], &[[0.0; 3], [2.0; 3], [2.0; 3]]).unwrap();
         let integral = Integral::new(&motion);
         for (time, length, step) in [(1.0, 1.0, 1.0), (2.0, 1.0, 0.0), (0.5, 0.5, 1.0)] {

@@ -23,7 +23,7 @@ use shell_data::statistics::{RunningVariance, extremes};
 
 use super::options::DEFAULT_TARE_FRAMES;
 
-pub use watch::{FALSE_ALARMS, QuietLevel, ZeroChange, ZeroMove, ZeroWatch, largest_change};
+pub use watch::{FALSE_ALARMS, ZeroChange, ZeroEstimate, ZeroMove, ZeroWatch, largest_change};
 
 /// Minimum number of frames of a stationary interval, as in the usual tare.
 pub(crate) const STATIONARY_FRAMES: usize = DEFAULT_TARE_FRAMES;
@@ -69,7 +69,7 @@ impl StationaryInterval {
 #[derive(Clone, Debug, PartialEq)]
 struct StationaryPart {
     frames: usize,
-    levels: Vec<RunningVariance>,
+    channels: Vec<RunningVariance>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -117,8 +117,8 @@ impl StationaryFinder {
             if frames >= STATIONARY_FRAMES / PARTS && is_long {
                 self.extend(times_s, readings, taken..row + 1);
                 taken = row + 1;
-                if let Some(rest) = self.end_part() {
-                    found(&rest);
+                if let Some(stationary) = self.end_part() {
+                    found(&stationary);
                 }
             }
         }
@@ -143,12 +143,15 @@ impl StationaryFinder {
     }
 
     fn end_part(&mut self) -> Option<StationaryInterval> {
-        let levels = self.readings.iter().map(|column| RunningVariance::new(&column[self.ended..]));
-        let part =
-            StationaryPart { frames: self.times_s.len() - self.ended, levels: levels.collect() };
-        for (known, level) in self.known.iter_mut().zip(&part.levels) {
-            known.low = known.low.min(level.mean);
-            known.high = known.high.max(level.mean);
+        let channels =
+            self.readings.iter().map(|column| RunningVariance::new(&column[self.ended..]));
+        let part = StationaryPart {
+            frames: self.times_s.len() - self.ended,
+            channels: channels.collect(),
+        };
+        for (known, channel) in self.known.iter_mut().zip(&part.channels) {
+            known.low = known.low.min(channel.mean);
+            known.high = known.high.max(channel.mean);
         }
         if self.parts.len() == PARTS
             && let Some(oldest) = self.parts.pop_front()
@@ -162,22 +165,29 @@ impl StationaryFinder {
         }
         let whole = |channel: usize| {
             let mut whole = RunningVariance::default();
-            self.parts.iter().for_each(|part| whole.merge(&part.levels[channel]));
+            self.parts.iter().for_each(|part| whole.merge(&part.channels[channel]));
             whole
         };
         let whole: Vec<RunningVariance> = (0..self.readings.len()).map(whole).collect();
         // Values that are not finite are never stationary.
-        if !whole.iter().all(|level| level.mean.is_finite() && level.squares.is_finite()) {
+        if !whole.iter().all(|channel| channel.mean.is_finite() && channel.squares.is_finite()) {
             return None;
         }
         if self.known.is_empty() {
-            let known = |level: &RunningVariance| {
-                let noise = level.rms_about_mean();
-                KnownZero { noise, zero: level.mean, low: level.mean, high: level.mean }
+            let known = |channel: &RunningVariance| {
+                let (noise, zero) = (channel.rms_about_mean(), channel.mean);
+                KnownZero { noise, zero, low: zero, high: zero }
             };
             self.known = whole.iter().map(known).collect();
-        } else if whole.iter().enumerate().all(|(channel, whole)| self.is_at_rest(channel, whole)) {
-            self.known.iter_mut().zip(&whole).for_each(|(known, level)| known.zero = level.mean);
+        } else if whole
+            .iter()
+            .enumerate()
+            .all(|(channel, whole)| self.is_stationary(channel, whole))
+        {
+            self.known
+                .iter_mut()
+                .zip(&whole)
+                .for_each(|(known, channel)| known.zero = channel.mean);
         } else {
             return None;
         }
@@ -189,11 +199,11 @@ impl StationaryFinder {
         })
     }
 
-    /// Returns true if a channel is still over the parts, whose combined readings are `whole`.
-    fn is_at_rest(&self, channel: usize, whole: &RunningVariance) -> bool {
+    /// Returns true if a channel is stationary over the parts, whose combined readings are `whole`.
+    fn is_stationary(&self, channel: usize, whole: &RunningVariance) -> bool {
         let known = self.known[channel];
         let quiet = QUIET * known.noise.max(LEAST_NOISE * known.zero.abs());
-        let (low, high) = extremes(self.parts.iter().map(|part| part.levels[channel].mean));
+        let (low, high) = extremes(self.parts.iter().map(|part| part.channels[channel].mean));
         let near = quiet.max(SAME_ZERO * (known.high - known.low));
         whole.rms_about_mean() <= quiet
             && high - low <= quiet
@@ -212,38 +222,38 @@ mod tests {
     }
 
     /// First and last times of stationary intervals of a channel at 100 Hz, fed in pieces.
-    fn rests(level: impl Fn(f64) -> f64, seconds: usize, piece: usize) -> Vec<(f64, f64)> {
+    fn stationary(signal: impl Fn(f64) -> f64, seconds: usize, piece: usize) -> Vec<(f64, f64)> {
         let times: Vec<f64> = (0..100 * seconds).map(|i| i as f64 / 100.0).collect();
         let readings: Vec<f64> =
-            times.iter().enumerate().map(|(i, &t)| 2000.0 + level(t) + 4.0 * noise(i)).collect();
+            times.iter().enumerate().map(|(i, &t)| 2000.0 + signal(t) + 4.0 * noise(i)).collect();
         let mut finder = StationaryFinder::default();
         let mut found = Vec::new();
         for (times, readings) in times.chunks(piece).zip(readings.chunks(piece)) {
-            let take = &mut |rest: &StationaryInterval| found.push((rest.start_s(), rest.end_s()));
+            let take = &mut |of: &StationaryInterval| found.push((of.start_s(), of.end_s()));
             finder.look_at(times, &[readings.to_vec()], take);
         }
         found
     }
 
     #[test]
-    fn a_sensor_at_rest_is_stationary_throughout_for_any_blocks() {
-        let found = rests(|_| 0.0, 60, 10_000);
+    fn a_still_sensor_is_stationary_throughout_for_any_blocks() {
+        let found = stationary(|_| 0.0, 60, 10_000);
         assert_eq!((found.len(), found[0]), (120, (0.0, 0.49)));
-        assert_eq!(rests(|_| 0.0, 60, 7), found);
+        assert_eq!(stationary(|_| 0.0, 60, 7), found);
         // A drift of 40 times the noise in a minute is followed.
-        assert_eq!(rests(|t| 160.0 * t / 60.0, 60, 333).len(), 120);
+        assert_eq!(stationary(|t| 160.0 * t / 60.0, 60, 333).len(), 120);
     }
 
     #[test]
     fn a_moving_or_held_load_is_not_stationary() {
         // Loaded from 10 s to 40 s, held from 20 s on; the zero returns with 3 % hysteresis.
-        let level = |t: f64| match t {
+        let signal = |t: f64| match t {
             t if t < 10.0 => 0.0,
             t if t < 20.0 => 500.0 + 300.0 * (9.0 * t).sin(),
             t if t < 40.0 => 700.0,
             _ => 24.0,
         };
-        let found = rests(level, 60, 100);
+        let found = stationary(signal, 60, 100);
         assert!(found.iter().all(|&(start, end)| end < 10.1 || start >= 40.0), "{found:?}");
         assert!(found.iter().filter(|(start, _)| *start >= 40.0).count() >= 39, "{found:?}");
     }

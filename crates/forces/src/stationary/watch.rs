@@ -19,7 +19,7 @@ use super::{PARTS, StationaryFinder, StationaryInterval};
 pub const FALSE_ALARMS: f64 = 0.01;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct QuietLevel {
+pub struct ZeroEstimate {
     pub mean: f64,
     /// RMS distance of a frame from the mean.
     pub noise: f64,
@@ -44,8 +44,8 @@ pub struct ZeroMove {
     pub axes: AxisValues<ZeroChange>,
 }
 
-impl QuietLevel {
-    /// The level of the values at the frames of a stationary interval.
+impl ZeroEstimate {
+    /// The zero from the values at the frames of a stationary interval.
     pub fn new(values: &[f64], parts: &[usize]) -> Self {
         let whole = RunningVariance::new(values);
         let mut means = Vec::with_capacity(parts.len());
@@ -64,15 +64,18 @@ impl QuietLevel {
         }
     }
 
-    pub fn from_wrench(calibration: &Calibration, rest: &StationaryInterval) -> PerAxis<Self> {
+    pub fn from_wrench(
+        calibration: &Calibration,
+        stationary: &StationaryInterval,
+    ) -> PerAxis<Self> {
         let mut wrench = PerAxis::default();
-        calibration.wrench(&rest.readings, &mut wrench);
-        wrench.map(|values| Self::new(&values, &rest.parts))
+        calibration.wrench(&stationary.readings, &mut wrench);
+        wrench.map(|values| Self::new(&values, &stationary.parts))
     }
 }
 
 impl ZeroChange {
-    pub fn new(first: &QuietLevel, last: &QuietLevel, quantities: usize) -> Self {
+    pub fn new(first: &ZeroEstimate, last: &ZeroEstimate, quantities: usize) -> Self {
         let level = 1.0 - FALSE_ALARMS / quantities.max(1) as f64;
         let t = student_quantile(level, 2.0 * (PARTS - 1) as f64);
         let by_chance = t * first.standard_error.hypot(last.standard_error);
@@ -105,7 +108,7 @@ impl ZeroMove {
         let decimals = if axis.is_moment() { 5 } else { 3 };
         let (name, unit) = (axis.name(), axis.unit());
         Some(format!(
-            "the zero of {name} moves by {change:.decimals$} {unit} from the rest at {:.1} s to that at {:.1} s, \
+            "the zero of {name} moves by {change:.decimals$} {unit} from the stationary interval at {:.1} s to that at {:.1} s, \
              where its noise is {noise:.decimals$} {unit}",
             self.first_s, self.last_s
         ))
@@ -124,11 +127,11 @@ impl ZeroWatch {
     /// Takes the next fresh frames, see [`StationaryFinder::look_at`].
     pub fn look_at(&mut self, times_s: &[f64], readings: &[Vec<f64>]) {
         let Self { finder, first, last, rests } = self;
-        finder.look_at(times_s, readings, &mut |rest| {
+        finder.look_at(times_s, readings, &mut |stationary| {
             *rests += 1;
             match first {
-                None => *first = Some(rest.clone()),
-                Some(_) => *last = Some(rest.clone()),
+                None => *first = Some(stationary.clone()),
+                Some(_) => *last = Some(stationary.clone()),
             }
         });
     }
@@ -136,9 +139,9 @@ impl ZeroWatch {
     /// The change of the zero; `None` with fewer than two stationary intervals.
     pub fn finish(&self, calibration: &Calibration) -> Option<ZeroMove> {
         let (first, last) = (self.first.as_ref()?, self.last.as_ref()?);
-        let levels = [first, last].map(|rest| QuietLevel::from_wrench(calibration, rest));
+        let zeros = [first, last].map(|of| ZeroEstimate::from_wrench(calibration, of));
         let count = calibration.axes.iter().count();
-        let change = |axis: usize| ZeroChange::new(&levels[0][axis], &levels[1][axis], count);
+        let change = |axis: usize| ZeroChange::new(&zeros[0][axis], &zeros[1][axis], count);
         Some(ZeroMove {
             rests: self.rests,
             first_s: first.middle_s(),
@@ -169,22 +172,22 @@ mod tests {
     fn noise_alone_exceeds_the_limit_at_the_stated_rate() {
         let mut noise = Noise(1);
         let parts = [10; PARTS];
-        let mut level =
-            || QuietLevel::new(&std::array::from_fn::<f64, 50, _>(|_| noise.next()), &parts);
+        let mut zero =
+            || ZeroEstimate::new(&std::array::from_fn::<f64, 50, _>(|_| noise.next()), &parts);
         // Without the noise of a frame in the limit, only the statistical test remains.
-        let alarm = |first: QuietLevel, last: QuietLevel| {
-            ZeroChange::new(&QuietLevel { noise: 0.0, ..first }, &last, 1).has_moved()
+        let alarm = |first: ZeroEstimate, last: ZeroEstimate| {
+            ZeroChange::new(&ZeroEstimate { noise: 0.0, ..first }, &last, 1).has_moved()
         };
-        let alarms = (0..20_000).filter(|_| alarm(level(), level())).count() as f64 / 20_000.0;
+        let alarms = (0..20_000).filter(|_| alarm(zero(), zero())).count() as f64 / 20_000.0;
         // Three standard deviations of a share of 20,000.
         assert!((alarms - FALSE_ALARMS).abs() < 0.0022, "{alarms}");
     }
 
     #[test]
-    fn a_level_has_the_error_of_its_parts() {
-        let level = QuietLevel::new(&[1.0, 3.0, 2.0, 4.0, 6.0, 2.0], &[2, 2, 2]);
+    fn a_zero_has_the_error_of_its_parts() {
+        let zero = ZeroEstimate::new(&[1.0, 3.0, 2.0, 4.0, 6.0, 2.0], &[2, 2, 2]);
         // Parts of 2, 3 and 4: variance 1, three parts.
-        assert_eq!((level.mean, level.standard_error), (3.0, (1.0_f64 / 3.0).sqrt()));
-        assert_eq!(level.noise, (16.0_f64 / 6.0).sqrt());
+        assert_eq!((zero.mean, zero.standard_error), (3.0, (1.0_f64 / 3.0).sqrt()));
+        assert_eq!(zero.noise, (16.0_f64 / 6.0).sqrt());
     }
 }

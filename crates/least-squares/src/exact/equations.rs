@@ -288,19 +288,19 @@ impl<'a> IntegerEquations<'a> {
         // A column of the factor times 2^exponent is the column of the centred and scaled feature.
         let exponents: Vec<i32> =
             counted.iter().zip(columns).map(|(counted, column)| counted - column).collect();
-        let stretch = |&c: &u8| {
+        let ratio = |&c: &u8| {
             let unit = unit(usize::from(c));
             DoubleDouble::from(power_of_two(unit.nearest_power()))
                 / DoubleDouble::from(f64::from(unit.per_count()))
         };
-        let stretch: Vec<DoubleDouble> = (terms.iter())
-            .map(|term| term.factors().iter().map(stretch).fold(DoubleDouble::ONE, |a, b| a * b))
+        let feature_ratios: Vec<DoubleDouble> = (terms.iter())
+            .map(|term| term.factors().iter().map(ratio).fold(DoubleDouble::ONE, |a, b| a * b))
             .collect();
-        let scaled = |(row, (&exponent, &stretch)): (&AxisRow, (&i32, &DoubleDouble))| {
-            std::array::from_fn(|axis| shifted(row[axis], exponent + axes[axis]) / stretch)
+        let scaled = |(row, (&exponent, &ratio)): (&AxisRow, (&i32, &DoubleDouble))| {
+            std::array::from_fn(|axis| shifted(row[axis], exponent + axes[axis]) / ratio)
         };
         let coefficients: Vec<PerAxis<DoubleDouble>> =
-            coefficients.iter().zip(exponents.iter().zip(&stretch)).map(scaled).collect();
+            coefficients.iter().zip(exponents.iter().zip(&feature_ratios)).map(scaled).collect();
         if !coefficients.iter().flatten().all(|c| c.is_finite()) {
             return Err(FitError::Overflow);
         }
@@ -309,7 +309,7 @@ impl<'a> IntegerEquations<'a> {
         let scale = (reach.iter().enumerate())
             .map(|(i, reach)| power_of_two(reach - unit(i).nearest_power()));
         let r_factor = UpperTriangle::from_fn(terms.len(), |i, j| {
-            (shifted(cholesky.get(i, j), -exponents[j]) * stretch[j]).to_f64()
+            (shifted(cholesky.get(i, j), -exponents[j]) * feature_ratios[j]).to_f64()
         });
         let residual_product = |a: usize, b: usize| {
             let product = shifted(residuals[a.min(b)][a.max(b)], axes[a] + axes[b]).to_f64();
@@ -328,7 +328,7 @@ impl<'a> IntegerEquations<'a> {
             ridge,
         };
         let scales = EquationScales { columns: counted, axes: [0; 6], ..self.scales };
-        Ok(ExactFit { solution, coefficients, scales, stretch })
+        Ok(ExactFit { solution, coefficients, scales, feature_ratios })
     }
 }
 

@@ -255,16 +255,16 @@ pub struct ExactFit {
     /// Scales of the equations, for readings counted in the units of the sums; axes in N and N·m.
     pub(crate) scales: EquationScales,
     /// Ratio of each feature to the feature of counted readings: one if the units are powers of two.
-    pub(crate) stretch: Vec<DoubleDouble>,
+    pub(crate) feature_ratios: Vec<DoubleDouble>,
 }
 
 impl ExactFit {
     /// The coefficients for features of counted readings, with axes as lanes.
     pub(crate) fn counted_coefficients(&self) -> Vec<AxisRow> {
-        let row = |(row, &stretch): (&PerAxis<DoubleDouble>, &DoubleDouble)| -> AxisRow {
-            axis_row(|axis| row[axis] * stretch)
+        let row = |(row, &ratio): (&PerAxis<DoubleDouble>, &DoubleDouble)| -> AxisRow {
+            axis_row(|axis| row[axis] * ratio)
         };
-        self.coefficients.iter().zip(&self.stretch).map(row).collect()
+        self.coefficients.iter().zip(&self.feature_ratios).map(row).collect()
     }
 
     pub fn quality(&self, rows: &ExactSums) -> PerAxis<AxisQuality> {
@@ -286,12 +286,12 @@ impl ExactFit {
         groups: impl IntoIterator<Item = &'a (String, ExactSums)>,
         with_degrees: bool,
     ) -> Result<GroupScatter, FitError> {
-        let stretch: Vec<f64> = self.stretch.iter().map(|s| s.to_f64()).collect();
+        let ratios: Vec<f64> = self.feature_ratios.iter().map(|s| s.to_f64()).collect();
         let factor = UpperTriangle::new(&self.solution.factor);
         // Each row belongs to a feature: convert from features of the fit to features of counted readings.
         let mut counted = factor.clone();
-        for (i, stretch) in stretch.iter().enumerate() {
-            counted.row_mut(i).iter_mut().for_each(|x| *x *= stretch);
+        for (i, ratio) in ratios.iter().enumerate() {
+            counted.row_mut(i).iter_mut().for_each(|x| *x *= ratio);
         }
         let coefficients = self.counted_coefficients();
         let combinations =
@@ -320,9 +320,9 @@ impl ExactFit {
         scatter: &GroupScatter,
         groups: &[(String, ExactSums)],
     ) -> Vec<PerAxis<f64>> {
-        let stretch: Vec<f64> = self.stretch.iter().map(|s| s.to_f64()).collect();
+        let ratios: Vec<f64> = self.feature_ratios.iter().map(|s| s.to_f64()).collect();
         let factors = scatter.factors.each_ref().map(|factor| {
-            UpperTriangle::from_fn(factor.nrows(), |i, j| stretch[i] * factor[(i, j)])
+            UpperTriangle::from_fn(factor.nrows(), |i, j| ratios[i] * factor[(i, j)])
         });
         let of_group = |(_, group): &(String, ExactSums)| {
             let (part, columns) = (self.scales.part(group), &self.scales.columns);

@@ -296,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn places_of_subnormal_numbers_and_of_an_empty_column() {
+    fn subnormal_numbers_have_places_and_a_column_of_zeros_has_none() {
         assert_eq!(BinaryPlaces::new(&[0.0, -0.0]), BinaryPlaces::NONE);
         assert_eq!(BinaryPlaces::new(&[5e-324]), BinaryPlaces { low: -1074, high: -1073 });
         assert_eq!(BinaryPlaces::new(&[-6.0, 0.5]), BinaryPlaces { low: -1, high: 3 });

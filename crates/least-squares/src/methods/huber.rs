@@ -204,9 +204,9 @@ pub(super) fn solve<R: RowSource>(rows: &mut R, ridge: Ridge) -> Result<LeastSqu
         let share = |a: usize| inside[a] as f64 / n;
         let mut settled = true;
         for a in 0..q {
-            let stretch = share(a).max(1.0 / 1.9).recip();
+            let step_length = share(a).max(1.0 / 1.9).recip();
             for j in 0..p {
-                solved.coefficients[(j, a)] += stretch * step[(j, a)];
+                solved.coefficients[(j, a)] += step_length * step[(j, a)];
             }
             let rounding = rounding(&solved, a);
             let (median, is_exact) = medians[a];

@@ -69,9 +69,9 @@ fn clipped(block: &Block, solution: &Solution) -> Result<Block, FitError> {
             predicted.iter().zip(&*wrench).map(|(fit, w)| (w - fit).abs()).collect();
         let clip = clip_of(&mut sizes.clone());
         let inside = sizes.iter().filter(|&&size| size <= clip).count().max(1);
-        let stretch = sizes.len() as f64 / inside as f64;
+        let magnification = sizes.len() as f64 / inside as f64;
         for (w, fit) in wrench.iter_mut().zip(predicted) {
-            *w = fit + stretch * (*w - fit).clamp(-clip, clip);
+            *w = fit + magnification * (*w - fit).clamp(-clip, clip);
         }
     }
     Ok(pseudo)

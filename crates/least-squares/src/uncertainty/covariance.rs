@@ -74,7 +74,7 @@ impl Covariance {
     }
 
     /// Covariance of the fit of `model` to all rows of `sums`, with errors correlated within its groups; `ridge` as
-    /// in [`ExactSums::solve`](crate::exact::ExactSums::solve). `are_stretches`: groups are blocks of time without
+    /// in [`ExactSums::solve`](crate::exact::ExactSums::solve). `are_time_blocks`: groups are blocks of time without
     /// other differences.
     ///
     /// # Errors
@@ -83,13 +83,13 @@ impl Covariance {
         sums: &SumsByGroup,
         model: &Model,
         ridge: f64,
-        are_stretches: bool,
+        are_time_blocks: bool,
         workers: Workers<'_>,
     ) -> Result<Self, FitError> {
         let whole = sums.all_of_several()?;
         let fit = whole.solve(model, ridge)?;
         let (found, groups) = (fit.scatter(&sums.groups, true)?, &sums.groups);
-        let intervals = if are_stretches {
+        let intervals = if are_time_blocks {
             // From the fit to all rows, which one block of time hardly changes: 40 scatters of 39 blocks would take
             // most of a poly3 fit's time.
             let (parts, variances) = (sums.partitioned(model)?, fit.variances(&found, groups));
@@ -117,7 +117,7 @@ impl Covariance {
     ) -> Result<Self, FitError> {
         Self::with_intervals(groups, rows, workers, |scatter| match files {
             None => of_scores(groups.count(), workers, |group| groups.score_without(group)),
-            // Rows of one file have more in common than of two. The fit to all rows gives a stretch's expected error.
+            // Rows of one file have more in common than of two. The fit to all rows gives a block's expected error.
             Some(files) => {
                 let scores = groups.scores_of_files(files, scatter, workers)?;
                 Some(GroupIntervals::from_files(&scores))

@@ -171,8 +171,8 @@ mod tests {
     fn the_scatter_of_all_blocks_replaces_a_missing_one() {
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
         let sums = sums(&block(40));
-        let intervals = |are_stretches: bool| {
-            let found = Covariance::from_groups(&sums, &model, 0.0, are_stretches, Workers::ONE);
+        let intervals = |are_time_blocks: bool| {
+            let found = Covariance::from_groups(&sums, &model, 0.0, are_time_blocks, Workers::ONE);
             found.unwrap().intervals.unwrap()
         };
         let (all, without) = (intervals(true), intervals(false));

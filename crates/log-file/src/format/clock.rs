@@ -34,7 +34,7 @@ impl ClockFields {
         self.0.first().map(Vec::as_slice)
     }
 
-    pub(super) fn rests(&self) -> bool {
+    pub(super) fn repeats(&self) -> bool {
         self.0.windows(2).any(|pair| pair[0] == pair[1])
     }
 

@@ -152,7 +152,7 @@ pub(crate) fn recognise_layout(
         let is_number = |field: &[u8]| parse_field(field).is_ok() || is_number(&with_points(field));
         match clock.dates(order) {
             // A clock that shows whole seconds, such as in ATI's demo, is less useful than the rate.
-            Some(_) => !clock.rests(),
+            Some(_) => !clock.repeats(),
             None => clock.first().is_some_and(is_number),
         }
     };

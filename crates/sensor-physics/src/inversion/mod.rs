@@ -262,7 +262,7 @@ impl Ready {
 #[cfg(test)]
 mod tests {
     use super::super::Sensor;
-    use super::super::response::{Answer, PARAMETERS, Parameters};
+    use super::super::response::{PARAMETERS, Parameters, Response};
     use super::*;
 
     impl Inversion {
@@ -310,8 +310,8 @@ mod tests {
 
     fn readings(wrenches: &[PerAxis<f64>]) -> Vec<Vec<f64>> {
         let of = |position: usize| -> Vec<f64> {
-            let answer = |x: &PerAxis<f64>| Answer::at(&parameters(position), x).value;
-            wrenches.iter().map(|x| 700.0f64.mul_add(answer(x), 200.0)).collect()
+            let response = |x: &PerAxis<f64>| Response::at(&parameters(position), x).value;
+            wrenches.iter().map(|x| 700.0f64.mul_add(response(x), 200.0)).collect()
         };
         let mut columns: Vec<Vec<f64>> = (0..8).map(of).collect();
         columns.insert(1, vec![1234.0; wrenches.len()]);

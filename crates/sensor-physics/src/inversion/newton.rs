@@ -5,13 +5,13 @@ use pulp::{Simd, WithSimd};
 use super::{Estimates, Flags, Inversion, Ready};
 use crate::cholesky::LaneCholesky;
 use crate::fit::MOST_CHANNELS;
-use crate::lanes::{Answers, Lanes, MOST_LANES, linear, quadratic_form};
+use crate::lanes::{LaneResponse, Lanes, MOST_LANES, linear, quadratic_form};
 
 /// Largest number of steps, including halved ones; five or six are usual.
 const STEPS: usize = 16;
 
 /// Limit of convergence: squared length of a step, in standard errors.
-const REST: f64 = 1e-6;
+const SETTLED: f64 = 1e-6;
 
 const HALVINGS: f64 = 4.0;
 
@@ -136,16 +136,16 @@ impl Inversion {
             state.take(taken, &next, self.sensors.len());
             before = before.replaced(taken, by_new);
             let (next_step, length) = self.step(&next);
-            let rests = zero.replaced(length.is_below(REST), down);
-            let is_resting = rests.is_positive();
+            let settled = zero.replaced(length.is_below(SETTLED), down);
+            let is_settled = settled.is_positive();
             for axis in 0..N {
-                rest[axis] = rest[axis].replaced(is_resting, next_step[axis]);
+                rest[axis] = rest[axis].replaced(is_settled, next_step[axis]);
                 step[axis] = (step[axis] * 0.5).replaced(taken, next_step[axis]);
             }
-            converged = converged + rests;
+            converged = converged + settled;
             halvings = (halvings + 1.0).replaced(taken, zero);
             let may_halve = halvings.is_below(HALVINGS);
-            active = zero.replaced(may_halve, active - rests);
+            active = zero.replaced(may_halve, active - settled);
             if simd.reduce_max_f64s(active.1) <= 0.0 {
                 break;
             }
@@ -188,12 +188,13 @@ impl Inversion {
         let mut state =
             LaneState { x: *x, residual: zeros, slope: zeros, weight: zeros, held_back: zero };
         for (position, sensor) in self.sensors.iter().enumerate() {
-            let answers = Answers::at(linear(sensor.offset, &sensor.gains, x), sensor.h, sensor.nu);
-            let noise = self.model.noise.variance_at(answers.slope * answers.slope);
+            let response =
+                LaneResponse::at(linear(sensor.offset, &sensor.gains, x), sensor.h, sensor.nu);
+            let noise = self.model.noise.variance_at(response.slope * response.slope);
             let triangle = sensor.covariance.iter().enumerate().map(|(i, row)| &row[..=i]);
-            let variance = noise + quadratic_form(&answers.gradient(x), triangle);
-            state.residual[position] = frames.y[position] - (answers.height + sensor.lo);
-            state.slope[position] = answers.slope;
+            let variance = noise + quadratic_form(&response.gradient(x), triangle);
+            state.residual[position] = frames.y[position] - (response.height + sensor.lo);
+            state.slope[position] = response.slope;
             state.weight[position] = frames.used[position] / variance;
         }
         for (row, &xi) in self.prior.iter().zip(x) {

@@ -23,7 +23,7 @@ use super::PhysicsError;
 use super::damping::Damping;
 use super::fit::{Observation, Scaled, Scales, common_prior, fit};
 use super::noise::{Noise, Residuals};
-use super::response::{Answer, PARAMETERS, Parameters, move_by};
+use super::response::{PARAMETERS, Parameters, Response, move_by};
 use super::sensor::Prior;
 use least_squares::symmetric::SymmetricMatrix;
 use shell_data::statistics::upper_median;
@@ -208,15 +208,15 @@ impl LoadSearch<'_> {
         let first = |mounting| PARAMETERS * at.parameters.len() + SHARED * mounting;
         let offset = self.loads[row].mounting().map(first);
         let of = |(i, (p, readings)): (usize, (&Parameters, &Vec<f64>))| {
-            let answer = Answer::at(p, &x);
+            let response = Response::at(p, &x);
             let along = |by: &PerAxis<f64>| (0..6).map(|axis| p[1 + axis] * by[axis]).sum::<f64>();
-            let by_load: [f64; OWN + SHARED] = by.each_ref().map(|by| answer.slope * along(by));
+            let by_load: [f64; OWN + SHARED] = by.each_ref().map(|by| response.slope * along(by));
             let shared = offset.into_iter().flat_map(|first| first..).zip(by_load[OWN..].to_vec());
             Row {
-                residual: readings[row] - answer.value,
-                slope: answer.slope,
+                residual: readings[row] - response.value,
+                slope: response.slope,
                 by_load: std::array::from_fn(|k| by_load[k]),
-                border: (PARAMETERS * i..).zip(answer.gradient(&x)).chain(shared).collect(),
+                border: (PARAMETERS * i..).zip(response.gradient(&x)).chain(shared).collect(),
             }
         };
         at.parameters.iter().zip(&self.data.readings).enumerate().map(of).collect()
@@ -371,7 +371,7 @@ mod tests {
             let x: PerAxis<f64> = std::array::from_fn(|axis| wrench[axis] / scale[axis]);
             let reading = |(sensor, [a, b, c, d, e, f]): (usize, &PerAxis<f64>)| {
                 let p = [0.1 * sensor as f64 - 0.4, *a, *b, *c, *d, *e, *f, 0.0, 0.0, 0.1];
-                1000.0 * Answer::at(&p, &x).value + 2.0 * random.normal()
+                1000.0 * Response::at(&p, &x).value + 2.0 * random.normal()
             };
             Observation { group, wrench, readings: gains.iter().enumerate().map(reading).collect() }
         };

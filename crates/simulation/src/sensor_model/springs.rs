@@ -99,17 +99,17 @@ impl Suspension {
     pub(super) fn displacement(&mut self, time_s: f64, wrench: &PerAxis<f64>) -> Displacement {
         let elapsed_s = self.time_s.replace(time_s).map_or(0.0, |before| time_s - before);
         let relaxed = -libm::expm1(-elapsed_s.max(0.0) / CREEP_S);
-        let mut answer = [0.0; 6];
+        let mut response = [0.0; 6];
         for axis in 0..6 {
             let load = wrench[axis];
             let half_width = PLAY[axis / 3];
             self.late[axis] += relaxed * (self.creep * load - self.late[axis]);
             self.play[axis] = self.play[axis].clamp(load - half_width, load + half_width);
-            answer[axis] = (1.0 - self.hysteresis) * load
+            response[axis] = (1.0 - self.hysteresis) * load
                 + self.hysteresis * self.play[axis]
                 + self.late[axis];
         }
-        product(&self.compliance, &answer)
+        product(&self.compliance, &response)
     }
 }
 

@@ -114,11 +114,11 @@ mod tests {
     fn displacement_inverts_the_curve() {
         for q in [-2.0, -0.1, 0.0, 1.3, 3.0] {
             let sensor = sensor(1.7);
-            let answer = CurveValue::at(&sensor, q);
-            let (found, slope) = displacement(&sensor, sensor.low + answer.height);
+            let response = CurveValue::at(&sensor, q);
+            let (found, slope) = displacement(&sensor, sensor.low + response.height);
             // 2⁻²⁴ of the response over its slope, which is at least 0.07.
             assert!((found - q).abs() < 1e-5, "{q}: {found}");
-            assert!((slope - answer.slope).abs() < 1e-5, "{q}: {slope}");
+            assert!((slope - response.slope).abs() < 1e-5, "{q}: {slope}");
         }
     }
 

@@ -24,7 +24,7 @@ const STEPS: usize = 4;
 
 /// Convergence limit of the squared step length: a hundredth of a standard error. The last step is
 /// taken, so the remaining error is smaller.
-const REST: f32 = 1e-4;
+const SETTLED: f32 = 1e-4;
 
 /// Squared step length in standard errors below which the variances are not recomputed: they are
 /// half of the work, and the weights hardly change.
@@ -105,7 +105,7 @@ impl<'a> ScaledFrame<'a> {
         let mut sum = state.sum(&state.points);
         let mut halvings = 0;
         let (mut step, mut length) = match self.step(&state) {
-            Some((step, length)) if length >= REST => (step, length),
+            Some((step, length)) if length >= SETTLED => (step, length),
             other => return moved(&state.x, &other.unwrap_or_default().0),
         };
         for left in (0..STEPS).rev() {
@@ -122,7 +122,7 @@ impl<'a> ScaledFrame<'a> {
                 sum = state.sum(&state.points);
                 halvings = 0;
                 match self.step(&state) {
-                    Some(next) if next.1 >= REST => (step, length) = next,
+                    Some(next) if next.1 >= SETTLED => (step, length) = next,
                     other => return moved(&state.x, &other.unwrap_or_default().0),
                 }
             } else {
@@ -141,14 +141,14 @@ impl<'a> ScaledFrame<'a> {
         let mut points = known.copied().unwrap_or_default();
         for ((sensor, y), point) in self.model.sensors.iter().zip(&self.y).zip(&mut points) {
             let Some(y) = *y else { continue };
-            let answer = CurveValue::at(sensor, inner(&sensor.gains, &x) + sensor.offset);
+            let response = CurveValue::at(sensor, inner(&sensor.gains, &x) + sensor.offset);
             let noise = self.model.reading_variance
-                + self.model.displacement_variance * answer.slope * answer.slope;
+                + self.model.displacement_variance * response.slope * response.slope;
             if known.is_none() {
-                point.from_parameters = parameter_variance(&sensor.factor, &answer, &x);
+                point.from_parameters = parameter_variance(&sensor.factor, &response, &x);
             }
-            point.residual = y - sensor.low - answer.height;
-            point.slope = answer.slope;
+            point.residual = y - sensor.low - response.height;
+            point.slope = response.slope;
             point.weight = 1.0 / (noise + point.from_parameters);
         }
         let held = product(&self.model.prior, &x);
@@ -190,8 +190,8 @@ fn inner(a: &X, b: &X) -> f32 {
 
 /// Returns `|Lᵀg|²`, the part of a response's variance from the parameters.
 #[inline(always)]
-fn parameter_variance(factor: &[f32; FACTOR], answer: &CurveValue, x: &X) -> f32 {
-    let CurveValue { height, slope, by_shape } = *answer;
+fn parameter_variance(factor: &[f32; FACTOR], response: &CurveValue, x: &X) -> f32 {
+    let CurveValue { height, slope, by_shape } = *response;
     let [fx, fy, fz, mx, my, mz] = x.map(|value| slope * value);
     let gradient = [slope, fx, fy, fz, mx, my, mz, 1.0, height, by_shape];
     let mut variance = 0.0;
@@ -243,8 +243,8 @@ mod tests {
             let sensor = &model.sensors[channel];
             let pull: f64 = sensor.gains.iter().zip(x).map(|(&gain, x)| f64::from(gain) * x).sum();
             let sigma = 1.0 / (1.0 + (-f64::from(sensor.offset) - pull).exp());
-            let answer = f64::from(sensor.height) * sigma.powf(f64::from(sensor.shape));
-            let y = f64::from(sensor.low) + answer;
+            let response = f64::from(sensor.height) * sigma.powf(f64::from(sensor.shape));
+            let y = f64::from(sensor.low) + response;
             (f64::from(sensor.least) + y / f64::from(sensor.per_count)).round() as u16
         })
     }

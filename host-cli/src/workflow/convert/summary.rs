@@ -43,8 +43,8 @@ pub struct ConvertSummary {
     /// Smallest, mean and largest value of each axis, N and N·m.
     #[serde(serialize_with = "by_column")]
     pub axes: AxisValues<AxisSummary>,
-    /// Change of the zero between the first rest and the last, before any tare. Only for a log with time, two
-    /// rests, and no load to subtract.
+    /// Change of the zero between the first stationary interval and the last, before any tare. Only for a log with
+    /// time, two of them, and no load to subtract.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub zero: Option<ZeroMove>,
     /// The remainder after the carried load was subtracted, if there is a load.

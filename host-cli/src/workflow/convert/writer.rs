@@ -75,9 +75,9 @@ impl Writer<'_> {
         self.sampling.add(&rows.frames.time_s);
         self.waiting.push_back(rows.frames);
         self.waiting_rows.extend(rows.written);
-        let answers = self.stream.push(&rows.time_s, rows.wrench);
-        let answers = answers.map_err(|error| self.unfiltered(error))?;
-        self.write_answers(&answers)
+        let forces = self.stream.push(&rows.time_s, rows.wrench);
+        let forces = forces.map_err(|error| self.unfiltered(error))?;
+        self.write_forces(&forces)
     }
 
     fn unfiltered(&self, error: FilterError) -> WorkflowError {
@@ -104,13 +104,13 @@ impl Writer<'_> {
     }
 
     /// Takes the forces of the oldest waiting rows, and writes the blocks whose forces are then all known.
-    fn write_answers(&mut self, answers: &PerAxis<Vec<f64>>) -> Result<(), WorkflowError> {
-        let rows: Vec<bool> = self.waiting_rows.drain(..answers[0].len()).collect();
+    fn write_forces(&mut self, forces: &PerAxis<Vec<f64>>) -> Result<(), WorkflowError> {
+        let rows: Vec<bool> = self.waiting_rows.drain(..forces[0].len()).collect();
         let written = |column: &Vec<f64>| {
             let rows = column.iter().zip(&rows).filter(|(_, written)| **written);
             rows.map(|(value, _)| *value).collect::<Vec<f64>>()
         };
-        let wrench = answers.each_ref().map(written);
+        let wrench = forces.each_ref().map(written);
         self.add(&wrench)?;
         self.known.iter_mut().zip(wrench).for_each(|(known, next)| known.extend(next));
         while self.waiting.front().is_some_and(|next| next.len() <= self.known[0].len()) {
@@ -124,8 +124,8 @@ impl Writer<'_> {
     }
 
     pub(super) fn finish(mut self) -> Result<(Totals, Option<Rate>), WorkflowError> {
-        let answers = self.stream.finish().map_err(|error| self.unfiltered(error))?;
-        self.write_answers(&answers)?;
+        let forces = self.stream.finish().map_err(|error| self.unfiltered(error))?;
+        self.write_forces(&forces)?;
         self.output.finish()?;
         Ok((self.totals, self.sampling.rate()))
     }

@@ -5,7 +5,7 @@ use std::time::Duration;
 use board_link::recording::{BoardFrame, Measured, RunningForces, protocol_name};
 use board_link::{LogSink, RecordCommand, RecordingProgress};
 use forces::ForceError;
-use live_view::{Guide, GuidePhase, GuideView, GuidedLoad, LiveModel, LiveRow, LoadGuide};
+use live_view::{Guide, GuidePhase, GuideView, GuidedLoad, LiveDisplay, LiveRow, LoadGuide};
 use load_table::{HungLoad, HungLoads};
 use output_file::OutputError;
 use serde_json::{Value, json};
@@ -76,7 +76,7 @@ impl LogSeries {
 
 /// A live view and its source, with a guide through loads if there is one.
 pub struct LiveSession<G = Guide> {
-    pub model: LiveModel,
+    pub display: LiveDisplay,
     pub guide: Option<G>,
     forces: Option<RunningForces>,
     feed: Feed,
@@ -94,7 +94,7 @@ impl<G: LoadGuide> LiveSession<G> {
     /// A live view of the source `name`, with a guide if loads are planned, and forces if there is a
     /// calibration. `logs` is `None` if recording is not possible.
     pub fn new(
-        model: LiveModel,
+        display: LiveDisplay,
         guide: Option<G>,
         forces: Option<RunningForces>,
         feed: Feed,
@@ -102,7 +102,7 @@ impl<G: LoadGuide> LiveSession<G> {
         name: String,
     ) -> Self {
         Self {
-            model,
+            display,
             guide,
             forces,
             feed,
@@ -125,7 +125,7 @@ impl<G: LoadGuide> LiveSession<G> {
             "can_record": self.logs.is_some(),
             "message": self.message,
             "guide": self.guide(),
-            "picture": self.model.picture(),
+            "picture": self.display.picture(),
         })
     }
 
@@ -161,7 +161,7 @@ impl<G: LoadGuide> LiveSession<G> {
             // Samples and frames that arrive together are of about the same time.
             news.iter_mut().for_each(|row| row.wrench = reference);
         }
-        news.iter().for_each(|row| self.model.push(*row));
+        news.iter().for_each(|row| self.display.push(*row));
         if let Some(guide) = &mut self.guide {
             let held: Vec<FrameLabel> = news.iter().filter_map(|row| guide.push(row)).collect();
             let first_unsettled = guide.first_unsettled();
@@ -197,31 +197,31 @@ impl<G: LoadGuide> LiveSession<G> {
     pub fn obey(&mut self, action: LiveAction) {
         self.message = match action {
             LiveAction::Tare => {
-                self.model.tare.begin();
+                self.display.tare.begin();
                 "taring what is shown; a log keeps its own tare".to_owned()
             }
             LiveAction::Untare => {
-                self.model.tare = Default::default();
+                self.display.tare = Default::default();
                 "no tare but that of the calibration's first frames".to_owned()
             }
             LiveAction::Pause => {
-                self.model.toggle_pause();
-                self.feed.state().is_held = self.model.is_paused();
+                self.display.toggle_pause();
+                self.feed.state().is_held = self.display.is_paused();
                 let more = if self.logs.is_some() { "; recording goes on" } else { "" };
-                match self.model.is_paused() {
+                match self.display.is_paused() {
                     true => format!("paused{more}"),
                     false => String::new(),
                 }
             }
             LiveAction::ZoomIn => {
-                self.model.zoom_in();
+                self.display.zoom_in();
                 String::new()
             }
             LiveAction::ZoomOut => {
-                self.model.zoom_out();
+                self.display.zoom_out();
                 String::new()
             }
-            LiveAction::Mark => match self.model.mark() {
+            LiveAction::Mark => match self.display.mark() {
                 Some(mark) => {
                     self.feed.ask(RecordCommand::Mark { index: mark.index, number: mark.number });
                     format!("mark {} at {:.3} s", mark.number, mark.time_s)
@@ -297,7 +297,7 @@ impl<G: LoadGuide> LiveSession<G> {
             self.guide()
                 .map(|guide| format!("{} of {} loads recorded", guide.recorded, guide.count)),
         );
-        let marks = self.model.marks.iter();
+        let marks = self.display.marks.iter();
         lines.extend(marks.map(|mark| format!("mark {} at {:.3} s", mark.number, mark.time_s)));
         lines
     }

@@ -36,7 +36,7 @@ pub enum SittingFault {
         /// Load by the readings.
         found: f64,
     },
-    /// The reference moved while the readings stood still: during a load, or between loads at rest.
+    /// The reference moved while the readings stood still: during a load, or without a load between two loads.
     Reference {
         axis: Axis,
         by: f64,
@@ -64,8 +64,8 @@ impl SittingFault {
             .sensors
             .iter()
             .map(|sensor| {
-                let (answer, variance) = sensor.answer(&x, &model.noise);
-                let expected = sensor.range.mul_add(answer.value, sensor.least);
+                let (response, variance) = sensor.response(&x, &model.noise);
+                let expected = sensor.range.mul_add(response.value, sensor.least);
                 let residual = (readings[sensor.channel] - expected) / sensor.range;
                 (sensor.channel, residual * residual / variance, expected)
             })

@@ -1,6 +1,6 @@
 //! A load while it was held: means, and what its rows show on their own.
 
-use live_view::{LiveRow, Rest};
+use live_view::{LiveRow, UnloadedValues};
 use shared_proto::CHANNELS;
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::{Axis, PerAxis};
@@ -95,14 +95,14 @@ impl HeldLoad {
     }
 }
 
-/// Movement of the reference between two rests that one of the sensor's readings explains, as shares of the
-/// largest load and of the largest excursion: a load that is left on both moves them by similar shares.
+/// Movement of the reference between two times without a load that one of the sensor's readings explains, as
+/// shares of the largest load and of the largest excursion: a load that is left on both moves them by similar shares.
 const EXPLAINED: f64 = 2.0;
 
-/// Returns the movement of the reference between two rests that the sensor's readings do not explain.
-pub(super) fn moved_at_rest(
-    before: &Rest,
-    now: &Rest,
+/// Returns the movement of the reference between two times without a load that the sensor's readings do not explain.
+pub(super) fn moved_unloaded(
+    before: &UnloadedValues,
+    now: &UnloadedValues,
     largest: &PerAxis<f64>,
 ) -> Option<SittingFault> {
     let allowed = EXPLAINED.mul_add(now.distance(before), LEAST_MOVED);

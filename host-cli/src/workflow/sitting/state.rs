@@ -5,7 +5,9 @@ use std::collections::VecDeque;
 use calibration::fit::Workers;
 use calibration::load_plan::{Order, Planner, PredictedError, SensorKnowledge, couplings};
 use calibration::quality::significant;
-use live_view::{ErrorPoint, Guide, GuidePhase, GuideView, GuidedLoad, LiveRow, LoadGuide, Rest};
+use live_view::{
+    ErrorPoint, Guide, GuidePhase, GuideView, GuidedLoad, LiveRow, LoadGuide, UnloadedValues,
+};
 use load_table::{HungLoad, HungLoads, Pull};
 use shared_proto::CHANNELS;
 use shell_data::block::FrameLabel;
@@ -14,7 +16,7 @@ use shell_data::wrench::{Axis, PerAxis};
 
 use super::estimate::Estimate;
 use super::fault::SittingFault;
-use super::held::{HeldLoad, moved_at_rest};
+use super::held::{HeldLoad, moved_unloaded};
 
 pub const CHECK: &str = "check";
 
@@ -60,9 +62,9 @@ pub struct Sitting {
     rows: VecDeque<LiveRow>,
     /// Wrench of the reference at the start, without a load.
     zero: PerAxis<RunningVariance>,
-    /// The number of loads, and the first rest after them.
-    rest: Option<(usize, Rest)>,
-    /// True if the guide knows the sensor at rest.
+    /// The number of loads, and the first values without a load after them.
+    unloaded: Option<(usize, UnloadedValues)>,
+    /// True if the guide knows the unloaded sensor.
     is_zeroed: bool,
     takes: Vec<Take>,
     check: Option<Take>,
@@ -99,7 +101,7 @@ impl Sitting {
             threads,
             rows: VecDeque::new(),
             zero: PerAxis::default(),
-            rest: None,
+            unloaded: None,
             is_zeroed: false,
             takes: Vec::new(),
             check: None,
@@ -401,11 +403,11 @@ impl Sitting {
         (!all.is_empty()).then(|| table.to_csv(&all, &[(RIG_COLUMN.to_owned(), of_rig)]))
     }
 
-    /// Compares the reference with itself at the first rest after the newest load, or at the rest before that load.
-    fn watch_reference(&mut self, rest: Rest) {
+    /// Compares the reference with itself when first unloaded after the newest load, or before that load.
+    fn watch_reference(&mut self, unloaded: UnloadedValues) {
         let loads = self.takes.len();
-        if let Some((known, before)) = &self.rest {
-            if let Some(moved) = moved_at_rest(before, &rest, &self.largest) {
+        if let Some((known, before)) = &self.unloaded {
+            if let Some(moved) = moved_unloaded(before, &unloaded, &self.largest) {
                 self.finding = format!("{moved}: set the sitting up again, `q` ends it");
                 return;
             }
@@ -413,7 +415,7 @@ impl Sitting {
                 return;
             }
         }
-        self.rest = Some((loads, rest));
+        self.unloaded = Some((loads, unloaded));
     }
 
     /// Subtracts the reference's zero from a row, or adds to it at the start.
@@ -438,9 +440,9 @@ impl LoadGuide for Sitting {
         let line = self.guide.next();
         self.rows.push_back(row);
         let held = self.guide.push(&row);
-        self.is_zeroed = self.guide.phase() != GuidePhase::Rest;
-        if let Some(rest) = row.wrench.and_then(|_| self.guide.at_rest()) {
-            self.watch_reference(rest);
+        self.is_zeroed = self.guide.phase() != GuidePhase::Unloaded;
+        if let Some(unloaded) = row.wrench.and_then(|_| self.guide.unloaded_values()) {
+            self.watch_reference(unloaded);
         }
         if let Some(label) = held {
             let mut rows = HeldLoad::default();

@@ -76,7 +76,7 @@ struct Reading<'a> {
     setup: Option<(&'a Calibration, PipelineSetup)>,
     /// The memory terms of the calibration, which need every row from the first one.
     memory: Option<MemoryState>,
-    /// Watches the zero of the whole log: a drift can only be followed from rest to rest.
+    /// Watches the zero of the whole log: a drift can only be followed from one stationary interval to the next.
     watch: Option<ZeroWatch>,
     takes_all: bool,
     /// The time range of the needed rows, s, once it is known.

@@ -32,7 +32,7 @@ fn shares(train: &[PathBuf], test: &[PathBuf]) -> PerAxis<f64> {
     let CoefficientCovariance::Groups { groups, .. } = covariance.coefficients else {
         panic!("rows of a file are not independent");
     };
-    assert!(groups as usize > 2 * train.len(), "{groups} stretches");
+    assert!(groups as usize > 2 * train.len(), "{groups} blocks");
     // With the memory terms and at the time of the readings.
     let mut readings = vec![Vec::new(); fitted.calibration.columns()];
     let mut loads = PerAxis::<Vec<f64>>::default();
@@ -42,7 +42,7 @@ fn shares(train: &[PathBuf], test: &[PathBuf]) -> PerAxis<f64> {
         all.zip(columns).for_each(|(all, column)| all.extend_from_slice(column));
     }
     let shares = coverage(&fitted.calibration, &readings, &loads);
-    println!("{groups} stretches: {shares:.3?}");
+    println!("{groups} blocks: {shares:.3?}");
     shares
 }
 

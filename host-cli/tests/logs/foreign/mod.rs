@@ -25,7 +25,7 @@ pub(crate) enum Optics {
 impl Optics {
     const ALL: [Self; 3] = [Self::InverseSquare, Self::Exponential, Self::Saturating];
 
-    fn answer(self, z: f64, bend: f64) -> f64 {
+    fn response(self, z: f64, bend: f64) -> f64 {
         match self {
             // Distance 1/bend at z = 0, where the slope is −2 bend, which normalises.
             Self::InverseSquare => ((1.0 + bend * z).max(0.2).powi(-2) - 1.0) / (-2.0 * bend),
@@ -95,7 +95,7 @@ fn readings(kind: Kind, optics: Optics, wrench: &[[f64; 6]], random: &mut Random
                 true => moved[c],
                 false => moved.iter().zip(&sees[c]).map(|(q, s)| q * s).sum(),
             };
-            2000.0 + height[c] * optics.answer(z, bend[c])
+            2000.0 + height[c] * optics.response(z, bend[c])
         })
     };
     wrench.iter().map(row).collect()

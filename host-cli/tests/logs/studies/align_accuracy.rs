@@ -79,7 +79,7 @@ fn stated_errors_have_unit_variance_where_the_model_holds() {
 }
 
 #[test]
-fn a_long_session_is_aligned_from_a_stretch_outward() {
+fn a_long_session_is_aligned_from_a_block_outward() {
     // 200 ppm are 80 ms over 400 s, a whole tap: too much for one search.
     let truth = PairSettings {
         duration_s: 400.0,

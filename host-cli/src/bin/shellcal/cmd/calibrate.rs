@@ -11,7 +11,7 @@ use anyhow::{Context, ensure};
 use board_link::{RecordOptions, Sinks, Source};
 use calibration::quality::significant;
 use calibration_file::{CalibrationFile, Origin};
-use live_view::{GuideView, LiveModel, LiveRow, LoadGuide};
+use live_view::{GuideView, LiveDisplay, LiveRow, LoadGuide};
 use load_table::HungLoads;
 use log_file::{Log, ReadOptions};
 use output_file::{OutputError, Outputs};
@@ -253,10 +253,10 @@ impl CalibrateArgs {
         let options = RecordOptions { labels: true, duration: None, ..self.source.options()? };
         let source = Source::port(self.source.serial.port(port), true)?;
         let frames = recording(source, sinks, options, feed.clone());
-        let model = LiveModel::new(None, 10.0, Axes::ALL);
+        let display = LiveDisplay::new(None, 10.0, Axes::ALL);
         let kept = KeptSitting { sitting, folder, failure: None };
         let mut session =
-            LiveSession::new(model, Some(kept), None, feed, Some(logs), port.to_owned());
+            LiveSession::new(display, Some(kept), None, feed, Some(logs), port.to_owned());
         let is_over = |session: &LiveSession<KeptSitting<'_>>, elapsed: Duration| {
             let kept = session.guide.as_ref();
             let is_done = kept.is_none_or(|kept| {

@@ -25,7 +25,7 @@ pub(crate) struct CheckArgs {
     #[arg(value_name = "LOADS.csv")]
     loads: InputPath,
 
-    /// Logs of readings, matched by the group column, otherwise in order by stretches of still readings
+    /// Logs of readings, matched by the group column, otherwise pose by pose, in order
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<InputPath>,
 

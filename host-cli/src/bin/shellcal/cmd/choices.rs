@@ -84,6 +84,6 @@ pub(super) const COVARIANCES: [NamedChoice<CovarianceRule>; 4] = [
     ("none", "None: a smaller calibration file, without standard errors", CovarianceRule::Nothing),
 ];
 const BY_GROUPS_OR_ROWS: &str =
-    "By the log's group column or its plateaus where there are ten at least, by rows otherwise";
+    "By the log's group column or its poses where there are ten at least, by rows otherwise";
 const BY_GROUPS: &str =
     "Errors are alike within groups: those of the group column, files, or those that are found";

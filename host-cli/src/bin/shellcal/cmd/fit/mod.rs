@@ -128,8 +128,8 @@ pub(crate) struct FitArgs {
     means: bool,
 
     /// Take the wrench from a table of the hung loads, one line for each pose: mass or force, point and
-    /// direction, with their errors. Loads are matched by the group column, otherwise in order by stretches
-    /// of still readings
+    /// direction, with their errors. Loads are matched by the group column, otherwise pose
+    /// by pose, in order
     #[arg(long, value_name = "LOADS.csv",
         conflicts_with_all = ["wrench_from", "partial", "means", "outliers", "valid_range", "cv", "lag", "memory_terms"],
         help_heading = "Reading logs")]

@@ -173,7 +173,7 @@ pub(super) fn report(
         let of_polynomial = polynomial.map(|(solver, model)| {
             document! {
                 solver,
-                // Share of test rows that were recorded at plateaus of the training data.
+                // Share of test rows that were recorded at poses of the training data.
                 test_share_on_training_plateaus?: fitted.leaks.test,
                 features: model.term_count(),
                 diagnostics.{rank, condition},

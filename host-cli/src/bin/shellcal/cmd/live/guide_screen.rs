@@ -86,7 +86,7 @@ impl LiveScreen<'_> {
         }
         let filled = (held * BAR as f64).round() as usize;
         let what = match phase {
-            GuidePhase::Rest => "leave the sensor unloaded".to_owned(),
+            GuidePhase::Unloaded => "leave the sensor unloaded".to_owned(),
             GuidePhase::Hang => "hang it".to_owned(),
             GuidePhase::Hold => {
                 format!("hold still {}{}", "#".repeat(filled), ".".repeat(BAR - filled))
@@ -97,7 +97,7 @@ impl LiveScreen<'_> {
         let left = guide
             .remaining_gain
             .map_or_else(String::new, |share| format!(", {:.0} % left", 100.0 * share));
-        let now = self.model.traces(1).into_iter().filter(|trace| !trace.unit.is_empty());
+        let now = self.display.traces(1).into_iter().filter(|trace| !trace.unit.is_empty());
         let now = now.zip(guide.wrench).filter(|(_, planned)| *planned != 0.0).map(|(trace, _)| {
             let digits = decimals(trace.range.1 - trace.range.0);
             format!("  {} {:+.digits$} {}", trace.name, trace.value, trace.unit)

@@ -20,7 +20,7 @@ use board_link::{
 };
 use frame_stream::StreamOptions;
 use live_view::web::Server;
-use live_view::{Guide, LiveModel, LoadGuide};
+use live_view::{Guide, LiveDisplay, LoadGuide};
 use log_file::Log;
 use output_file::OutputError;
 use serde_json::json;
@@ -139,8 +139,8 @@ impl LiveArgs {
         };
         // Without a calibration, the wrench comes from the board or the log itself.
         let axes = calibrated.unwrap_or(recorded);
-        let model = LiveModel::new(ranges, self.window, axes);
-        let mut session = LiveSession::<Guide>::new(model, None, running, feed, logs, name);
+        let display = LiveDisplay::new(ranges, self.window, axes);
+        let mut session = LiveSession::<Guide>::new(display, None, running, feed, logs, name);
         let is_over = |_: &LiveSession, elapsed: Duration| {
             stop.load(Ordering::Relaxed) || self.source.duration.is_some_and(|end| elapsed >= end)
         };

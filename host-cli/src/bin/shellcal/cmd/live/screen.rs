@@ -1,14 +1,14 @@
 //! The screen of `shellcal live`: traces on the left, channels and arrows on the right.
 
 use crossterm::style::{Attribute, Color, ContentStyle};
-use live_view::{ChannelState, ChannelView, GuideView, LiveModel, TraceView};
+use live_view::{ChannelState, ChannelView, GuideView, LiveDisplay, TraceView};
 use shell_data::escape::is_invisible;
 
 use super::cells::{ACROSS, Area, CellGrid, CharacterCanvas, DOWN};
 
 #[derive(Debug)]
 pub(super) struct LiveScreen<'a> {
-    pub(super) model: &'a LiveModel,
+    pub(super) display: &'a LiveDisplay,
     pub(super) guide: Option<&'a GuideView>,
     pub(super) source: &'a str,
     /// Protocol, rate, losses.
@@ -54,10 +54,10 @@ impl LiveScreen<'_> {
     /// Draws the header. State and flags are always shown in full; names get the remaining room.
     fn draw_header(&self, grid: &mut CellGrid, width: u16) {
         let mut flags = String::new();
-        if self.model.is_paused() {
+        if self.display.is_paused() {
             flags += " PAUSED";
         }
-        if self.model.tare.is_pending() {
+        if self.display.tare.is_pending() {
             flags += " TARING";
         }
         let taken = flags.chars().count() + self.state.chars().count() + "   REC   ".len();
@@ -82,7 +82,7 @@ impl LiveScreen<'_> {
 
     fn draw_traces(&self, grid: &mut CellGrid, area: Area) {
         let columns = area.width - LABEL;
-        let traces = self.model.traces(usize::from(columns) * ACROSS);
+        let traces = self.display.traces(usize::from(columns) * ACROSS);
         if traces.is_empty() {
             let middle = area.y + area.height / 2;
             self.put(grid, 2, middle, "nothing has arrived so far", ContentStyle::new());
@@ -95,9 +95,9 @@ impl LiveScreen<'_> {
             self.draw_trace(grid, area, trace, colour(usize::from(position)));
         }
         let axis = area.y + rows * traces.len() as u16;
-        let span = format!("-{} s", self.model.window_s());
+        let span = format!("-{} s", self.display.window_s());
         self.put(grid, LABEL, axis, &span, self.style(None, Some(Attribute::Dim)));
-        let now = self.model.time_s().map_or_else(String::new, |time_s| format!("{time_s:.1} s"));
+        let now = self.display.time_s().map_or_else(String::new, |time_s| format!("{time_s:.1} s"));
         let at = area.width.saturating_sub(now.chars().count() as u16);
         self.put(grid, at, axis, &now, self.style(None, Some(Attribute::Dim)));
         self.draw_marks(grid, area, axis, columns);
@@ -169,7 +169,7 @@ impl LiveScreen<'_> {
     fn draw_marks(&self, grid: &mut CellGrid, area: Area, axis: u16, columns: u16) {
         let line = if self.ascii { '|' } else { '╎' };
         let style = self.style(Some(Color::DarkYellow), None);
-        for (number, position) in self.model.marks_shown() {
+        for (number, position) in self.display.marks_shown() {
             let column = (position * f64::from(columns)).min(f64::from(columns - 1)) as u16;
             let x = area.x + LABEL + column;
             for y in area.y..axis {
@@ -182,14 +182,14 @@ impl LiveScreen<'_> {
     }
 
     fn draw_panel(&self, grid: &mut CellGrid, area: Area) {
-        let channels = self.model.channels();
+        let channels = self.display.channels();
         for (position, channel) in (0..).zip(&channels) {
             let line = Area { y: area.y + position, ..area };
             self.draw_channel(grid, line, usize::from(position), channel);
         }
         let used = if channels.is_empty() { 0 } else { channels.len() as u16 + 1 };
         let rest = Area { y: area.y + used, height: area.height.saturating_sub(used), ..area };
-        let Some((force, reach)) = self.model.force() else { return };
+        let Some((force, reach)) = self.display.force() else { return };
         if rest.height < 5 {
             return;
         }
@@ -333,15 +333,15 @@ mod tests {
     use live_view::{ErrorPoint, GuidePhase, LiveRow};
     use shell_data::wrench::Axes;
 
-    /// A model with a push to the right and a stroke upwards, one channel out of range, one saturated, and a mark.
-    fn model(forces: bool) -> LiveModel {
+    /// A display with a push to the right and a stroke upwards, one channel out of range, one saturated, and a mark.
+    fn display(forces: bool) -> LiveDisplay {
         let ranges = Some(vec![ReadingRange { min: 1000.0, max: 3000.0 }; 8]);
-        let mut model = LiveModel::new(ranges, 10.0, Axes::ALL);
+        let mut display = LiveDisplay::new(ranges, 10.0, Axes::ALL);
         for index in 0..1000 {
             let time_s = f64::from(index) / 100.0;
             let wave = (time_s * 2.0).sin();
             let wrench = [1.5 * wave, 0.4, time_s / 5.0 - 1.0, 0.02 * wave, -0.01, 0.0];
-            model.push(LiveRow {
+            display.push(LiveRow {
                 time_s,
                 index: i64::from(index),
                 readings: Some(std::array::from_fn(|c| 1100.0 + 250.0 * c as f64 + 50.0 * wave)),
@@ -350,24 +350,24 @@ mod tests {
                 out_of_range: u8::from(index > 950) << 1,
             });
             if index == 600 {
-                model.mark();
+                display.mark();
             }
         }
-        model
+        display
     }
 
-    fn screen(model: &LiveModel, size: (u16, u16), ascii: bool, color: bool) -> String {
-        guided_screen((model, None), size, ascii, color)
+    fn screen(display: &LiveDisplay, size: (u16, u16), ascii: bool, color: bool) -> String {
+        guided_screen((display, None), size, ascii, color)
     }
 
     fn guided_screen(
-        (model, guide): (&LiveModel, Option<&GuideView>),
+        (display, guide): (&LiveDisplay, Option<&GuideView>),
         size: (u16, u16),
         ascii: bool,
         color: bool,
     ) -> String {
         let screen = LiveScreen {
-            model,
+            display,
             guide,
             source: "/dev/ttyUSB0",
             state: "cobs  00:00:10  100.0 Hz  1000 frames  3 missing",
@@ -397,10 +397,10 @@ mod tests {
 
     #[test]
     fn screens_of_both_sizes_are_the_golden_ones() {
-        assert_golden("forces-80x24.txt", &screen(&model(true), (80, 24), false, false));
-        assert_golden("forces-200x60.txt", &screen(&model(true), (200, 60), false, true));
-        assert_golden("readings-80x24.txt", &screen(&model(false), (80, 24), false, false));
-        assert_golden("ascii-80x24.txt", &screen(&model(true), (80, 24), true, false));
+        assert_golden("forces-80x24.txt", &screen(&display(true), (80, 24), false, false));
+        assert_golden("forces-200x60.txt", &screen(&display(true), (200, 60), false, true));
+        assert_golden("readings-80x24.txt", &screen(&display(false), (80, 24), false, false));
+        assert_golden("ascii-80x24.txt", &screen(&display(true), (80, 24), true, false));
     }
 
     #[test]
@@ -417,8 +417,8 @@ mod tests {
             remaining_gain: Some(0.72),
             ..GuideView::default()
         };
-        let model = model(true);
-        let draw = |guide, size, ascii| guided_screen((&model, Some(guide)), size, ascii, false);
+        let display = display(true);
+        let draw = |guide, size, ascii| guided_screen((&display, Some(guide)), size, ascii, false);
         assert_golden("guide-80x24.txt", &draw(&guide, (80, 24), false));
         assert!(draw(&guide, (80, 24), true).is_ascii());
         for width in (1..220).step_by(7) {
@@ -448,28 +448,28 @@ mod tests {
 
     #[test]
     fn ascii_is_ascii_and_every_size_is_drawn() {
-        let model = model(true);
-        assert!(screen(&model, (80, 24), true, false).is_ascii());
+        let display = display(true);
+        assert!(screen(&display, (80, 24), true, false).is_ascii());
         for width in (1..220).step_by(7) {
             for height in (1..70).step_by(3) {
-                screen(&model, (width, height), false, true);
+                screen(&display, (width, height), false, true);
             }
         }
-        let empty = LiveModel::new(None, 0.0, Axes::ALL);
+        let empty = LiveDisplay::new(None, 0.0, Axes::ALL);
         assert!(screen(&empty, (80, 24), false, true).contains("nothing has arrived"));
-        assert!(screen(&model, (40, 10), false, true).contains("60 x 14"));
+        assert!(screen(&display, (40, 10), false, true).contains("60 x 14"));
     }
 
     #[test]
     fn long_paths_do_not_hide_the_state() {
-        let model = model(false);
+        let display = display(false);
         let path = "/home/user/a/very/long/way/to/the/place/where/recordings/of/the/day/are/kept/run-17.csv";
         for (state, recording) in [("played to its end", None), ("playing, 00:00:10", Some(path))] {
             for (width, ascii) in [(60, false), (80, true), (200, false)] {
                 let mut grid = CellGrid::new((width, 24));
                 let (message, color) = ("", false);
                 let screen = LiveScreen {
-                    model: &model,
+                    display: &display,
                     guide: None,
                     source: path,
                     state,

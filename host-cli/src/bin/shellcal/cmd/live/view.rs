@@ -84,7 +84,7 @@ pub(super) fn run<G: LoadGuide>(
     while advance(session)? {
         let (state, guide) = (session.state(), session.guide());
         let screen = LiveScreen {
-            model: &session.model,
+            display: &session.display,
             guide: guide.as_ref(),
             source: &session.name,
             state: &state,

@@ -42,8 +42,8 @@ pub(crate) struct PlanArgs {
     rig: RigArgs,
 
     /// Take the wrench from a table of the hung loads, one line for each pose: mass or force, point and
-    /// direction, with their errors. Loads are matched by the group column, otherwise in order by stretches
-    /// of still readings
+    /// direction, with their errors. Loads are matched by the group column, otherwise pose
+    /// by pose, in order
     #[arg(long, value_name = "LOADS.csv")]
     loads: Option<InputPath>,
 

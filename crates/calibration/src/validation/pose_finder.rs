@@ -1,36 +1,37 @@
-//! Groups in a recording without named ones: plateaus of constant load, or blocks between jumps of its clock.
+//! Groups in a recording without named ones: poses, which are rows of constant load, or rows between
+//! jumps of its clock.
 //!
-//! A row continues a plateau if every axis is within a [step](Steps) of the plateau's mean. Rows that leave it start
+//! A row continues a pose if every axis is within a [step](Steps) of the pose's mean. Rows that leave it start
 //! another as soon as [`FEWEST_ROWS`] of them agree; if the load returns before, they remain. Rows between two
-//! plateaus belong to the first. Neighbours are merged if they differ by less than [`SAME_LEVEL`] of the range of
-//! every axis. A clock that restarts ends a plateau.
+//! poses belong to the first. Neighbours are merged if they differ by less than [`SAME_POSE`] of the range of
+//! every axis. A clock that restarts ends a pose.
 //!
-//! A plateau is steady if it has [`FEWEST_ROWS`] and a line through its rows rises by no more than half a step, or
-//! twice [`SAME_LEVEL`], unlike motion. A recording consists of plateaus if [`FEWEST_PLATEAUS`] are steady, these
+//! A pose is steady if it has [`FEWEST_ROWS`] and a line through its rows rises by no more than half a step, or
+//! twice [`SAME_POSE`], unlike motion. A recording consists of poses if [`FEWEST_POSES`] are steady, these
 //! hold [`STEADY_SHARE`] of the rows, and the variance within them is at most [`WITHIN_SHARE`] of that of the loads.
-//! Memory grows with the plateaus alone.
+//! Memory grows with the poses alone.
 
 use shell_data::statistics::{MergeWeights, extremes};
 
 use least_squares::grouped_rows::MAX_GROUPS;
 
-/// Fewest consecutive rows of a plateau.
+/// Fewest consecutive rows of a pose.
 pub const FEWEST_ROWS: u64 = 5;
 
-/// Fewest steady plateaus of a recording that consists of plateaus.
-pub const FEWEST_PLATEAUS: usize = 3;
+/// Fewest steady poses of a recording that consists of poses.
+pub const FEWEST_POSES: usize = 3;
 
-/// Least share of rows on steady plateaus.
+/// Least share of rows on steady poses.
 pub const STEADY_SHARE: f64 = 0.8;
 
-/// Largest share of the variance within plateaus, over the axes that are loaded.
+/// Largest share of the variance within poses, over the axes that are loaded.
 pub const WITHIN_SHARE: f64 = 0.05;
 
-/// Consecutive plateaus are merged if they differ by less than this share of the range on every axis.
-pub const SAME_LEVEL: f64 = 0.01;
+/// Consecutive poses are merged if they differ by less than this share of the range on every axis.
+pub const SAME_POSE: f64 = 0.01;
 
 /// Limits for a step, the largest of: this many standard deviations of the noise, this many times the difference that
-/// 85 % of consecutive rows keep within, and half of [`SAME_LEVEL`]. A reference that flickers by its last digit
+/// 85 % of consecutive rows keep within, and half of [`SAME_POSE`]. A reference that flickers by its last digit
 /// makes none.
 const STEP_IN_NOISE: f64 = 8.0;
 const STEP_IN_FLICKER: f64 = 4.0;
@@ -41,7 +42,7 @@ const BACK_IN_INTERVALS: f64 = 10.0;
 const FORWARD_IN_INTERVALS: f64 = 100.0;
 const FORWARD_S: f64 = 1.0;
 
-/// Least ratio of the lengths of poses to those of plateaus in slow motion.
+/// Least ratio of the lengths of poses to those of steady rows in slow motion.
 const SHORT: u64 = 4;
 
 /// Limits for a step of the load and for a jump of the clock.
@@ -64,15 +65,15 @@ impl<const N: usize> Steps<N> {
             // Excludes the ends, because a stray is not part of the range.
             let mut loads = column.to_vec();
             let range = quantile(&mut loads, 0.99) - quantile(&mut loads, 0.01);
-            (STEP_IN_NOISE * noise).max(STEP_IN_FLICKER * flicker).max(0.5 * SAME_LEVEL * range)
+            (STEP_IN_NOISE * noise).max(STEP_IN_FLICKER * flicker).max(0.5 * SAME_POSE * range)
         });
         let mut intervals = differences(time_s);
         intervals.retain(|&interval| interval > 0.0);
         Self { load, interval_s: quantile(&mut intervals, 0.5) }
     }
 
-    fn is_within(&self, level: &[f64; N], load: &[f64; N]) -> bool {
-        (0..N).all(|axis| (load[axis] - level[axis]).abs() <= self.load[axis])
+    fn is_within(&self, mean: &[f64; N], load: &[f64; N]) -> bool {
+        (0..N).all(|axis| (load[axis] - mean[axis]).abs() <= self.load[axis])
     }
 
     fn starts_anew(&self, before_s: f64, now_s: f64) -> bool {
@@ -97,17 +98,17 @@ fn quantile(values: &mut [f64], share: f64) -> f64 {
 }
 
 #[derive(Clone, Debug, PartialEq)]
-pub enum Stretches {
-    /// Numbers of rows of each plateau of constant load.
-    Plateaus(Vec<u64>),
+pub enum GroupLengths {
+    /// Numbers of rows of each pose.
+    Poses(Vec<u64>),
     /// Numbers of rows between jumps of the clock.
     Recordings(Vec<u64>),
     Nothing,
 }
 
-/// Rows with about the same load.
+/// Consecutive rows with about the same load, which may still rise in slow motion.
 #[derive(Clone, Copy, Debug)]
-pub struct Level<const N: usize> {
+pub struct FoundPose<const N: usize> {
     pub start: u64,
     /// Number of rows that agree.
     pub rows: u64,
@@ -117,11 +118,11 @@ pub struct Level<const N: usize> {
     position: f64,
     place_squares: f64,
     products: [f64; N],
-    /// True if the level begins because the clock restarted.
+    /// True if the pose begins because the clock restarted.
     is_parted: bool,
 }
 
-impl<const N: usize> Level<N> {
+impl<const N: usize> FoundPose<N> {
     fn new(start: u64, load: &[f64; N], is_parted: bool) -> Self {
         Self {
             start,
@@ -158,20 +159,20 @@ impl<const N: usize> Level<N> {
 }
 
 #[derive(Clone, Debug)]
-pub struct PlateauFinder<const N: usize = 6> {
+pub struct PoseFinder<const N: usize = 6> {
     steps: Steps<N>,
     rows: u64,
     last_s: Option<f64>,
-    levels: Vec<Level<N>>,
-    /// Rows that have left the last level and agree so far.
-    leaving: Option<Level<N>>,
+    poses: Vec<FoundPose<N>>,
+    /// Rows that have left the last pose and agree so far.
+    leaving: Option<FoundPose<N>>,
     jumps: Vec<u64>,
 }
 
-impl<const N: usize> PlateauFinder<N> {
+impl<const N: usize> PoseFinder<N> {
     pub fn new(steps: Steps<N>) -> Self {
-        let (levels, jumps) = (Vec::new(), Vec::new());
-        Self { steps, rows: 0, last_s: None, levels, leaving: None, jumps }
+        let (poses, jumps) = (Vec::new(), Vec::new());
+        Self { steps, rows: 0, last_s: None, poses, leaving: None, jumps }
     }
 
     /// Adds the next rows: their times, empty without a clock, and the columns of their wrench.
@@ -195,112 +196,112 @@ impl<const N: usize> PlateauFinder<N> {
         if jumps && self.jumps.len() <= MAX_GROUPS {
             self.jumps.push(row);
         }
-        let Some(level) = self.levels.last_mut().filter(|_| !starts_anew) else {
+        let Some(pose) = self.poses.last_mut().filter(|_| !starts_anew) else {
             self.leaving = None;
-            return self.begin(Level::new(row, load, true));
+            return self.begin(FoundPose::new(row, load, true));
         };
-        if self.steps.is_within(&level.mean, load) {
+        if self.steps.is_within(&pose.mean, load) {
             self.leaving = None;
-            return level.merge(&Level::new(row, load, false));
+            return pose.merge(&FoundPose::new(row, load, false));
         }
         match &mut self.leaving {
             Some(next) if self.steps.is_within(&next.mean, load) => {
-                next.merge(&Level::new(row, load, false));
+                next.merge(&FoundPose::new(row, load, false));
                 if next.rows >= FEWEST_ROWS {
                     let next = *next;
                     self.leaving = None;
                     self.begin(next);
                 }
             }
-            leaving => *leaving = Some(Level::new(row, load, false)),
+            leaving => *leaving = Some(FoundPose::new(row, load, false)),
         }
     }
 
-    fn begin(&mut self, level: Level<N>) {
-        // Replaces the last level if there are too many to be of use: memory stays bounded.
-        if self.levels.len() > 8 * MAX_GROUPS {
-            self.levels.pop();
+    fn begin(&mut self, pose: FoundPose<N>) {
+        // Replaces the last pose if there are too many to be of use: memory stays bounded.
+        if self.poses.len() > 8 * MAX_GROUPS {
+            self.poses.pop();
         }
-        self.levels.push(level);
+        self.poses.push(pose);
     }
 
-    pub fn finish(self) -> Stretches {
-        if let Some(plateaus) = self.plateaus() {
-            return Stretches::Plateaus(plateaus);
+    pub fn finish(self) -> GroupLengths {
+        if let Some(poses) = self.pose_lengths() {
+            return GroupLengths::Poses(poses);
         }
         let rows = lengths(std::iter::once(0).chain(self.jumps.iter().copied()), self.rows);
         let is_long = |rows: &Vec<u64>| self.rows >= FEWEST_ROWS * rows.len() as u64;
         match (2..=MAX_GROUPS).contains(&rows.len()) && is_long(&rows) {
-            true => Stretches::Recordings(rows),
-            false => Stretches::Nothing,
+            true => GroupLengths::Recordings(rows),
+            false => GroupLengths::Nothing,
         }
     }
 
     fn ranges(&self) -> [f64; N] {
         std::array::from_fn(|axis| {
-            let (low, high) = extremes(self.levels.iter().map(|level| level.mean[axis]));
+            let (low, high) = extremes(self.poses.iter().map(|pose| pose.mean[axis]));
             high - low
         })
     }
 
-    /// Levels, after a merge of neighbours that are closer than a share of the range.
-    fn merged(&self, ranges: &[f64; N], same: f64) -> Vec<Level<N>> {
-        let is_same = |a: &Level<N>, b: &Level<N>| {
+    /// Poses, after a merge of neighbours that are closer than a share of the range.
+    fn merged(&self, ranges: &[f64; N], same: f64) -> Vec<FoundPose<N>> {
+        let is_same = |a: &FoundPose<N>, b: &FoundPose<N>| {
             (0..N).all(|axis| (a.mean[axis] - b.mean[axis]).abs() <= same * ranges[axis])
         };
-        let mut plateaus: Vec<Level<N>> = Vec::new();
-        for level in &self.levels {
-            match plateaus.last_mut() {
-                Some(last) if !level.is_parted && is_same(last, level) => last.merge(level),
-                _ => plateaus.push(*level),
+        let mut poses: Vec<FoundPose<N>> = Vec::new();
+        for pose in &self.poses {
+            match poses.last_mut() {
+                Some(last) if !pose.is_parted && is_same(last, pose) => last.merge(pose),
+                _ => poses.push(*pose),
             }
         }
-        plateaus
+        poses
     }
 
-    fn is_steady(&self, level: &Level<N>, ranges: &[f64; N], same: f64) -> bool {
+    fn is_steady(&self, pose: &FoundPose<N>, ranges: &[f64; N], same: f64) -> bool {
         let may_rise = |axis: usize| (0.5 * self.steps.load[axis]).max(2.0 * same * ranges[axis]);
-        level.rows >= FEWEST_ROWS && (0..N).all(|axis| level.rise(axis) <= may_rise(axis))
+        pose.rows >= FEWEST_ROWS && (0..N).all(|axis| pose.rise(axis) <= may_rise(axis))
     }
 
-    /// Poses: steady levels that are long compared with the others, without rows in transition.
+    /// Steady poses that are long compared with the others, without rows in transition.
     /// Merges neighbours that are closer than the share `same` of the range.
-    pub fn holds(&self, same: f64) -> Vec<Level<N>> {
+    pub fn steady_poses(&self, same: f64) -> Vec<FoundPose<N>> {
         let ranges = self.ranges();
-        let mut holds = self.merged(&ranges, same);
-        holds.retain(|level| self.is_steady(level, &ranges, same));
-        // Half the rows are in levels at least as long as this.
-        let mut lengths: Vec<u64> = holds.iter().map(|level| level.rows).collect();
+        let mut poses = self.merged(&ranges, same);
+        poses.retain(|pose| self.is_steady(pose, &ranges, same));
+        // Half the rows are in poses at least as long as this.
+        let mut lengths: Vec<u64> = poses.iter().map(|pose| pose.rows).collect();
         lengths.sort_unstable();
         let (half, mut sum) = (lengths.iter().sum::<u64>() / 2, 0);
         let usual = lengths.into_iter().find(|rows| {
             sum += rows;
             sum > half
         });
-        holds.retain(|level| SHORT * level.rows >= usual.unwrap_or(0));
-        holds
+        poses.retain(|pose| SHORT * pose.rows >= usual.unwrap_or(0));
+        poses
     }
 
-    /// Number of rows of each plateau, if the recording consists of plateaus.
-    fn plateaus(&self) -> Option<Vec<u64>> {
+    /// Number of rows of each pose, if the recording consists of poses.
+    fn pose_lengths(&self) -> Option<Vec<u64>> {
         let ranges = self.ranges();
-        let plateaus = self.merged(&ranges, SAME_LEVEL);
-        let steady: Vec<&Level<N>> =
-            plateaus.iter().filter(|level| self.is_steady(level, &ranges, SAME_LEVEL)).collect();
+        let poses = self.merged(&ranges, SAME_POSE);
+        let steady: Vec<&FoundPose<N>> =
+            poses.iter().filter(|pose| self.is_steady(pose, &ranges, SAME_POSE)).collect();
         let (first, others) = steady.split_first()?;
         let mut all = **first;
-        others.iter().for_each(|level| all.merge(level));
+        others.iter().for_each(|pose| all.merge(pose));
         let loaded: Vec<usize> =
             (0..N).filter(|&axis| ranges[axis] > 2.0 * self.steps.load[axis]).collect();
         let within = |axis: &usize| {
-            steady.iter().map(|level| level.squares[*axis]).sum::<f64>() / all.squares[*axis]
+            steady.iter().map(|pose| pose.squares[*axis]).sum::<f64>() / all.squares[*axis]
         };
         let share = loaded.iter().map(within).sum::<f64>() / loaded.len() as f64;
-        let is_made_of_them = steady.len() >= FEWEST_PLATEAUS
-            && plateaus.len() <= MAX_GROUPS
+        let is_made_of_them = steady.len() >= FEWEST_POSES
+            && poses.len() <= MAX_GROUPS
             && all.rows as f64 >= STEADY_SHARE * self.rows as f64
             && share <= WITHIN_SHARE;
-        is_made_of_them.then(|| lengths(plateaus.iter().map(|level| level.start), self.rows))
+        is_made_of_them.then(|| lengths(poses.iter().map(|pose| pose.start), self.rows))
     }
 }
 
@@ -338,8 +339,8 @@ mod tests {
         (time, wrench)
     }
 
-    fn found(time_s: &[f64], wrench: &[Vec<f64>], parts: usize) -> Stretches {
-        let mut finder = PlateauFinder::<6>::new(Steps::from_sample(time_s, wrench));
+    fn found(time_s: &[f64], wrench: &[Vec<f64>], parts: usize) -> GroupLengths {
+        let mut finder = PoseFinder::<6>::new(Steps::from_sample(time_s, wrench));
         for start in (0..wrench[0].len()).step_by(parts) {
             let end = (start + parts).min(wrench[0].len());
             let part: Vec<Vec<f64>> = wrench.iter().map(|c| c[start..end].to_vec()).collect();
@@ -355,11 +356,11 @@ mod tests {
     }
 
     #[test]
-    fn every_plateau_is_found_to_the_row_with_and_without_noise_in_any_parts() {
+    fn every_pose_is_found_to_the_row_with_and_without_noise_in_any_parts() {
         for noise in [0.0, 0.02] {
             let (time, wrench) = held(&ROWS, noise);
             for parts in [1, 7, 1000] {
-                let expected = Stretches::Plateaus(lengths_of(&ROWS));
+                let expected = GroupLengths::Poses(lengths_of(&ROWS));
                 assert_eq!(found(&time, &wrench, parts), expected, "noise {noise}");
                 assert_eq!(found(&[], &wrench, parts), expected);
             }
@@ -367,7 +368,7 @@ mod tests {
     }
 
     #[test]
-    fn strays_and_rows_on_the_way_to_the_next_load_end_no_plateau() {
+    fn strays_and_rows_on_the_way_to_the_next_load_end_no_pose() {
         let (time, mut wrench) = held(&ROWS, 0.01);
         wrench[2][10] = 40.0;
         (150..153).for_each(|row| wrench[0][row] -= 3.0);
@@ -378,11 +379,11 @@ mod tests {
         }
         let mut expected = lengths_of(&ROWS);
         (expected[0], expected[1]) = (41, 24);
-        assert_eq!(found(&time, &wrench, 1000), Stretches::Plateaus(expected));
+        assert_eq!(found(&time, &wrench, 1000), GroupLengths::Poses(expected));
     }
 
     #[test]
-    fn a_reference_that_flickers_by_its_last_digit_and_twins_in_succession_part_nothing() {
+    fn a_flicker_of_the_last_digit_and_equal_loads_in_succession_part_no_pose() {
         let (time, mut wrench) = held(&ROWS, 0.0);
         let mut random = Random(3);
         for row in 0..wrench[0].len() {
@@ -390,7 +391,7 @@ mod tests {
                 wrench[4][row] += 0.001;
             }
         }
-        assert_eq!(found(&time, &wrench, 50), Stretches::Plateaus(lengths_of(&ROWS)));
+        assert_eq!(found(&time, &wrench, 50), GroupLengths::Poses(lengths_of(&ROWS)));
         // The third load equals the second.
         for column in &mut wrench {
             let load = column[50];
@@ -398,40 +399,40 @@ mod tests {
         }
         let mut expected = lengths_of(&ROWS);
         expected.splice(1..3, [85]);
-        assert_eq!(found(&time, &wrench, 50), Stretches::Plateaus(expected));
+        assert_eq!(found(&time, &wrench, 50), GroupLengths::Poses(expected));
     }
 
     #[test]
-    fn a_clock_that_starts_anew_parts_twins() {
+    fn a_clock_that_restarts_parts_equal_loads() {
         let (mut time, wrench) = held(&[50], 0.0);
         let wrench: Vec<Vec<f64>> = wrench.iter().map(|c| c.repeat(3)).collect();
         time = time.repeat(3);
-        // A single load does not define plateaus: these are recordings.
-        assert_eq!(found(&time, &wrench, 20), Stretches::Recordings(vec![50; 3]));
+        // A single load does not define poses: these are recordings.
+        assert_eq!(found(&time, &wrench, 20), GroupLengths::Recordings(vec![50; 3]));
         let (_, others) = held(&[50, 50, 50], 0.0);
         let both: Vec<Vec<f64>> =
             wrench.iter().zip(&others).map(|(a, b)| [&a[..100], b].concat()).collect();
         let time = [&time[..100], &held(&[150], 0.0).0].concat();
-        assert_eq!(found(&time, &both, 20), Stretches::Plateaus(vec![50; 5]));
+        assert_eq!(found(&time, &both, 20), GroupLengths::Poses(vec![50; 5]));
     }
 
     #[test]
-    fn motion_and_noise_are_no_plateaus() {
+    fn motion_and_noise_are_no_poses() {
         let motion = |row: usize, axis: usize| (0.013 * (axis + 1) as f64 * row as f64).sin();
         let wrench: Vec<Vec<f64>> =
             (0..6).map(|axis| (0..5000).map(|row| motion(row, axis)).collect()).collect();
         let time: Vec<f64> = (0..5000).map(|row| row as f64 * 0.001).collect();
-        assert_eq!(found(&time, &wrench, 999), Stretches::Nothing);
+        assert_eq!(found(&time, &wrench, 999), GroupLengths::Nothing);
         let (_, noise) = held(&[2000], 1.0);
-        assert_eq!(found(&[], &noise, 999), Stretches::Nothing);
-        assert_eq!(found(&[], &vec![vec![1.5; 300]; 6], 999), Stretches::Nothing);
+        assert_eq!(found(&[], &noise, 999), GroupLengths::Nothing);
+        assert_eq!(found(&[], &vec![vec![1.5; 300]; 6], 999), GroupLengths::Nothing);
         assert_eq!(
-            PlateauFinder::<6>::new(Steps::from_sample(&[], &[])).finish(),
-            Stretches::Nothing
+            PoseFinder::<6>::new(Steps::from_sample(&[], &[])).finish(),
+            GroupLengths::Nothing
         );
         // Repeats the motion with two pauses of the recorder.
         let pause = |row: usize| row as f64 * 0.001 + 5.0 * (row / 2000) as f64;
         let time: Vec<f64> = (0..5000).map(pause).collect();
-        assert_eq!(found(&time, &wrench, 999), Stretches::Recordings(vec![2000, 2000, 1000]));
+        assert_eq!(found(&time, &wrench, 999), GroupLengths::Recordings(vec![2000, 2000, 1000]));
     }
 }

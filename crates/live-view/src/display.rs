@@ -80,7 +80,7 @@ pub struct Picture {
 }
 
 #[derive(Clone, Debug, Default)]
-pub struct LiveModel {
+pub struct LiveDisplay {
     axes: Axes,
     ranges: Option<Vec<ReadingRange>>,
     history: History,
@@ -91,7 +91,7 @@ pub struct LiveModel {
     pub marks: Vec<Mark>,
 }
 
-impl LiveModel {
+impl LiveDisplay {
     /// Creates an empty view, with the channels' `ranges` in the training data, an initial time
     /// span, and the available axes of the wrench.
     pub fn new(ranges: Option<Vec<ReadingRange>>, window_s: f64, axes: Axes) -> Self {
@@ -301,10 +301,10 @@ fn nice_range(low: f64, high: f64, least: f64) -> (f64, f64) {
 mod tests {
     use super::*;
 
-    fn model() -> LiveModel {
-        let mut model = LiveModel::new(None, 10.0, Axes::ALL);
-        (0..=1000).for_each(|i| model.push(row(i)));
-        model
+    fn display() -> LiveDisplay {
+        let mut display = LiveDisplay::new(None, 10.0, Axes::ALL);
+        (0..=1000).for_each(|i| display.push(row(i)));
+        display
     }
 
     fn row(index: i64) -> LiveRow {
@@ -320,7 +320,7 @@ mod tests {
 
     #[test]
     fn a_trace_has_a_round_scale_and_the_noise_of_its_last_second() {
-        let traces = model().traces(100);
+        let traces = display().traces(100);
         assert_eq!(traces.len(), 6);
         let fx = &traces[0];
         assert_eq!((fx.name.as_str(), fx.unit, fx.range), ("Fx", "N", (-2.0, 2.0)));
@@ -336,84 +336,88 @@ mod tests {
 
     #[test]
     fn a_tare_takes_the_mean_of_the_next_rows_and_changes_only_the_display() {
-        let mut model = model();
-        model.tare.begin();
+        let mut display = display();
+        display.tare.begin();
         for index in 1001..1001 + forces::DEFAULT_TARE_FRAMES as i64 - 1 {
-            model.push(row(index));
-            assert!(model.tare.is_pending());
+            display.push(row(index));
+            assert!(display.tare.is_pending());
         }
-        model.push(row(1050));
-        assert!(!model.tare.is_pending());
-        assert!(model.traces(10)[1].value.abs() < 1e-12, "a mean of 0.25");
-        model.tare = RunningTare::default();
-        assert_eq!(model.traces(10)[1].value, 0.25);
+        display.push(row(1050));
+        assert!(!display.tare.is_pending());
+        assert!(display.traces(10)[1].value.abs() < 1e-12, "a mean of 0.25");
+        display.tare = RunningTare::default();
+        assert_eq!(display.traces(10)[1].value, 0.25);
     }
 
     #[test]
     fn a_paused_picture_stands_still_while_rows_are_taken() {
-        let mut model = model();
-        model.toggle_pause();
-        let before = (model.traces(50), model.time_s());
-        (1001..3000).for_each(|i| model.push(row(i)));
-        assert_eq!((model.traces(50), model.time_s()), before);
-        model.toggle_pause();
-        assert_eq!(model.time_s(), Some(29.99));
+        let mut display = display();
+        display.toggle_pause();
+        let before = (display.traces(50), display.time_s());
+        (1001..3000).for_each(|i| display.push(row(i)));
+        assert_eq!((display.traces(50), display.time_s()), before);
+        display.toggle_pause();
+        assert_eq!(display.time_s(), Some(29.99));
     }
 
     #[test]
     fn zoom_ends_at_the_oldest_row() {
-        let mut model = model();
-        (0..20).for_each(|_| model.zoom_out());
-        assert_eq!(model.window_s(), LONGEST_S);
-        (0..20).for_each(|_| model.zoom_in());
-        assert_eq!(model.window_s(), 1.0);
+        let mut display = display();
+        (0..20).for_each(|_| display.zoom_out());
+        assert_eq!(display.window_s(), LONGEST_S);
+        (0..20).for_each(|_| display.zoom_in());
+        assert_eq!(display.window_s(), 1.0);
     }
 
     #[test]
     fn a_mark_stands_where_it_was_made_and_moves_left() {
-        let mut model = model();
-        let mark = model.mark().unwrap();
+        let mut display = display();
+        let mark = display.mark().unwrap();
         assert_eq!((mark.number, mark.index, mark.time_s), (1, 1000, 10.0));
-        (1001..=1500).for_each(|i| model.push(row(i)));
-        assert_eq!(model.marks_shown(), [(1, 0.5)]);
-        assert_eq!(LiveModel::new(None, 0.0, Axes::ALL).mark(), None);
+        (1001..=1500).for_each(|i| display.push(row(i)));
+        assert_eq!(display.marks_shown(), [(1, 0.5)]);
+        assert_eq!(LiveDisplay::new(None, 0.0, Axes::ALL).mark(), None);
     }
 
     #[test]
     fn a_channel_is_as_bad_as_its_worst_row_of_the_last_second() {
         let ranges = Some(vec![ReadingRange { min: 1000.0, max: 3000.0 }; CHANNELS]);
-        let mut model = LiveModel::new(ranges, 10.0, Axes::ALL);
+        let mut display = LiveDisplay::new(ranges, 10.0, Axes::ALL);
         for index in 0..300 {
             let saturated = u8::from(index == 250) << 2;
             let out_of_range = u8::from(index == 10) << 4 | u8::from(index == 290) << 5;
-            model.push(LiveRow { saturated, out_of_range, ..row(index) });
+            display.push(LiveRow { saturated, out_of_range, ..row(index) });
         }
-        let states: Vec<_> = model.channels().iter().map(|channel| channel.state).collect();
+        let states: Vec<_> = display.channels().iter().map(|channel| channel.state).collect();
         let mut expected = [ChannelState::Fine; CHANNELS];
         (expected[2], expected[5]) = (ChannelState::Saturated, ChannelState::Outside);
         assert_eq!(states, expected);
-        assert_eq!(model.channels()[0].range, Some((1000.0, 3000.0)));
+        assert_eq!(display.channels()[0].range, Some((1000.0, 3000.0)));
     }
 
     #[test]
     fn without_forces_readings_are_traced() {
-        let mut model = LiveModel::new(None, 5.0, Axes::ALL);
-        model.push(LiveRow { wrench: None, ..row(0) });
-        let traces = model.traces(10);
+        let mut display = LiveDisplay::new(None, 5.0, Axes::ALL);
+        display.push(LiveRow { wrench: None, ..row(0) });
+        let traces = display.traces(10);
         assert_eq!((traces.len(), traces[7].name.as_str()), (8, "s8"));
         assert!(traces[0].range.0 <= 2000.0 && 2000.0 <= traces[0].range.1);
-        assert_eq!(model.force(), None);
+        assert_eq!(display.force(), None);
     }
 
     #[test]
     fn levels_are_thousandths_of_the_range() {
-        let mut model = LiveModel::new(None, 1.0, Axes::ALL);
+        let mut display = LiveDisplay::new(None, 1.0, Axes::ALL);
         for index in 0..=100 {
             let fx = if index == 50 { -1.5 } else { 1.0 };
             let wrench = Some([fx, 0.0, 0.0, 0.0, 0.0, 0.0]);
-            model.push(LiveRow { time_s: f64::from(index) / 100.0, wrench, ..LiveRow::default() });
+            display.push(LiveRow {
+                time_s: f64::from(index) / 100.0,
+                wrench,
+                ..LiveRow::default()
+            });
         }
-        let picture = model.picture();
+        let picture = display.picture();
         let fx = &picture.traces[0];
         assert_eq!((fx.range, fx.columns.len()), ((-2.0, 2.0), COLUMNS));
         // By hand: (1 + 2) / 4 and (-1.5 + 2) / 4.

@@ -1,19 +1,18 @@
-//! Poses (blocks of still readings) without labels, matched in order with a list of loads.
+//! Poses without labels, matched in order with a list of loads.
 
 use crate::groups::label_runs;
-use crate::validation::plateaus::{Level, PlateauFinder, SAME_LEVEL, Steps};
+use crate::validation::pose_finder::{FoundPose, PoseFinder, SAME_POSE, Steps};
 use sensor_physics::MOST_CHANNELS;
 use shell_data::dataset::{Dataset, LogRows, sample};
 use shell_data::statistics::extremes;
 
 /// Largest distance of an unloaded pose from the first, in channel ranges: play remains.
-const AT_REST: f64 = 0.03;
+const UNLOADED: f64 = 0.03;
 
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("found `{holds}` still intervals, `{loaded}` of them loaded, for `{loads}` loads{times}")]
-pub struct HoldMismatch {
-    /// Blocks of still readings.
-    pub holds: usize,
+#[error("found `{poses}` still intervals, `{loaded}` of them loaded, for `{loads}` loads{times}")]
+pub struct PoseMismatch {
+    pub poses: usize,
     /// Poses that differ from the first.
     pub loaded: usize,
     pub loads: usize,
@@ -21,91 +20,91 @@ pub struct HoldMismatch {
     pub times: String,
 }
 
-/// Shares of a channel's range within which levels merge: that of the plateau finder, then wider
+/// Shares of a channel's range within which poses merge: that of the pose finder, then wider
 /// ones for creep of springs.
-const SAME: [f64; 3] = [SAME_LEVEL, 0.02, 0.04];
+const SAME: [f64; 3] = [SAME_POSE, 0.02, 0.04];
 
-type ReadingHold = Level<MOST_CHANNELS>;
+type ReadingPose = FoundPose<MOST_CHANNELS>;
 
 /// Labels rows by the hung load, matching poses and labels in order. Excess poses that read like
 /// the first have no load. Other rows have the empty label.
 ///
 /// # Errors
-/// [`HoldMismatch`] if neither the poses nor the loaded poses are as many as the labels.
-pub fn label_holds(data: &Dataset, labels: &[String]) -> Result<Dataset, HoldMismatch> {
+/// [`PoseMismatch`] if neither the poses nor the loaded poses are as many as the labels.
+pub fn label_loads(data: &Dataset, labels: &[String]) -> Result<Dataset, PoseMismatch> {
     let finders: Vec<_> = data.logs.iter().map(finder).collect();
-    let found = |same: f64| -> Vec<(usize, ReadingHold)> {
-        let of = |(log, finder): (usize, &PlateauFinder<MOST_CHANNELS>)| {
-            finder.holds(same).into_iter().map(move |hold| (log, hold))
+    let found = |same: f64| -> Vec<(usize, ReadingPose)> {
+        let of = |(log, finder): (usize, &PoseFinder<MOST_CHANNELS>)| {
+            finder.steady_poses(same).into_iter().map(move |pose| (log, pose))
         };
         finders.iter().enumerate().flat_map(of).collect()
     };
-    // Springs creep, so wider limits merge levels, until there are as many levels as labels.
+    // Springs creep, so wider limits merge poses, until there are as many poses as labels.
     let chosen = SAME.into_iter().find_map(|same| {
-        let holds = found(same);
-        let loaded = unlike_the_first(&holds, AT_REST.max(same));
-        [holds, loaded].into_iter().find(|of| of.len() == labels.len())
+        let poses = found(same);
+        let loaded = unlike_the_first(&poses, UNLOADED.max(same));
+        [poses, loaded].into_iter().find(|of| of.len() == labels.len())
     });
     let Some(chosen) = chosen else {
-        let holds = found(SAME[0]);
-        let loaded = unlike_the_first(&holds, AT_REST).len();
-        let times = times(data, &holds);
-        return Err(HoldMismatch { holds: holds.len(), loaded, loads: labels.len(), times });
+        let poses = found(SAME[0]);
+        let loaded = unlike_the_first(&poses, UNLOADED).len();
+        let times = times(data, &poses);
+        return Err(PoseMismatch { poses: poses.len(), loaded, loads: labels.len(), times });
     };
     let mut data = data.clone();
     for (at, log) in data.logs.iter_mut().enumerate() {
         let own = chosen.iter().zip(labels).filter(|((log, _), _)| *log == at);
-        label(log, &own.map(|((_, hold), name)| (*hold, name)).collect::<Vec<_>>());
+        label(log, &own.map(|((_, pose), name)| (*pose, name)).collect::<Vec<_>>());
     }
     Ok(data)
 }
 
 /// Start and end of the first few poses, s, if logs have time.
-fn times(data: &Dataset, holds: &[(usize, ReadingHold)]) -> String {
+fn times(data: &Dataset, poses: &[(usize, ReadingPose)]) -> String {
     const SHOWN: usize = 4;
     let time_s = |log: usize, row: u64| {
         let blocks = data.logs[log].blocks.iter();
         blocks.flat_map(|block| block.rows.time_s.iter()).nth(row as usize).copied()
     };
-    let span = |(log, hold): &(usize, ReadingHold)| {
-        let ends = (time_s(*log, hold.start)?, time_s(*log, hold.start + hold.rows - 1)?);
+    let span = |(log, pose): &(usize, ReadingPose)| {
+        let ends = (time_s(*log, pose.start)?, time_s(*log, pose.start + pose.rows - 1)?);
         Some(format!("{:.1} to {:.1} s", ends.0, ends.1))
     };
-    let spans: Option<Vec<String>> = holds.iter().take(SHOWN).map(span).collect();
+    let spans: Option<Vec<String>> = poses.iter().take(SHOWN).map(span).collect();
     match spans {
         Some(spans) if !spans.is_empty() => {
-            let more = if holds.len() > SHOWN { ", …" } else { "" };
+            let more = if poses.len() > SHOWN { ", …" } else { "" };
             format!(" (still: {}{more})", spans.join(", "))
         }
         _ => String::new(),
     }
 }
 
-fn finder(log: &LogRows) -> PlateauFinder<MOST_CHANNELS> {
+fn finder(log: &LogRows) -> PoseFinder<MOST_CHANNELS> {
     let blocks = || log.blocks.iter().map(|block| &*block.rows);
-    let mut finder = PlateauFinder::new(Steps::from_sample(&[], &sample(blocks()).readings));
+    let mut finder = PoseFinder::new(Steps::from_sample(&[], &sample(blocks()).readings));
     blocks().for_each(|block| finder.add(&block.time_s, &block.readings));
     finder
 }
 
-fn unlike_the_first(holds: &[(usize, ReadingHold)], at_rest: f64) -> Vec<(usize, ReadingHold)> {
-    let Some((_, first)) = holds.first() else { return Vec::new() };
-    let ends = |channel: usize| extremes(holds.iter().map(|(_, hold)| hold.mean[channel]));
-    let is_at_rest = |hold: &ReadingHold| {
+fn unlike_the_first(poses: &[(usize, ReadingPose)], unloaded: f64) -> Vec<(usize, ReadingPose)> {
+    let Some((_, first)) = poses.first() else { return Vec::new() };
+    let ends = |channel: usize| extremes(poses.iter().map(|(_, pose)| pose.mean[channel]));
+    let is_unloaded = |pose: &ReadingPose| {
         (0..MOST_CHANNELS).all(|channel| {
             let (low, high) = ends(channel);
-            (hold.mean[channel] - first.mean[channel]).abs() <= at_rest * (high - low)
+            (pose.mean[channel] - first.mean[channel]).abs() <= unloaded * (high - low)
         })
     };
-    holds.iter().filter(|(_, hold)| !is_at_rest(hold)).copied().collect()
+    poses.iter().filter(|(_, pose)| !is_unloaded(pose)).copied().collect()
 }
 
-fn label(log: &mut LogRows, holds: &[(ReadingHold, &String)]) {
+fn label(log: &mut LogRows, poses: &[(ReadingPose, &String)]) {
     let mut end = 0;
-    let runs = holds.iter().flat_map(|(hold, label)| {
-        let before = hold.start.saturating_sub(end);
-        end = hold.start + hold.rows;
-        [(String::new(), before), ((*label).clone(), hold.rows)]
+    let runs = poses.iter().flat_map(|(pose, label)| {
+        let before = pose.start.saturating_sub(end);
+        end = pose.start + pose.rows;
+        [(String::new(), before), ((*label).clone(), pose.rows)]
     });
     label_runs(log, runs.chain([(String::new(), u64::MAX)]));
     log.has_groups = true;
@@ -142,9 +141,9 @@ mod tests {
     }
 
     #[test]
-    fn loads_are_the_still_stretches_that_are_not_like_the_first() {
+    fn loads_are_the_poses_that_differ_from_the_first() {
         let labels = ["a", "b", "c"].map(str::to_owned);
-        let labelled = label_holds(&recording(), &labels).unwrap();
+        let labelled = label_loads(&recording(), &labels).unwrap();
         let runs = &labelled.logs[0].blocks[0].labels;
         let named: Vec<&(String, usize)> = runs.iter().filter(|run| !run.0.is_empty()).collect();
         assert_eq!(named.iter().map(|run| &run.0).collect::<Vec<_>>(), ["a", "b", "c"]);
@@ -161,7 +160,7 @@ mod tests {
         // Puts six channels that measure nothing first.
         rows.readings.splice(0..0, vec![vec![500.0; rows.rows]; 6]);
         let runs =
-            |data: &Dataset| label_holds(data, &labels).unwrap().logs[0].blocks[0].labels.clone();
+            |data: &Dataset| label_loads(data, &labels).unwrap().logs[0].blocks[0].labels.clone();
         assert_eq!(runs(&last), runs(&recording()));
     }
 
@@ -183,20 +182,20 @@ mod tests {
         let block = Block { rows, readings: vec![readings], time_s: times, ..Block::default() };
         let data = Dataset::from_blocks("bench", Axes::NONE, vec![block]);
         let labels = ["a", "b", "c"].map(str::to_owned);
-        let labelled = label_holds(&data, &labels).unwrap();
+        let labelled = label_loads(&data, &labels).unwrap();
         let runs = &labelled.logs[0].blocks[0].labels;
         let named: Vec<&(String, usize)> = runs.iter().filter(|run| !run.0.is_empty()).collect();
         // Rows before the first that agree are in no pose.
         assert!(named.len() == 3 && named.iter().all(|run| run.1 > 400), "{named:?}");
-        let error = label_holds(&data, &labels[..2]).unwrap_err();
+        let error = label_loads(&data, &labels[..2]).unwrap_err();
         assert!(error.to_string().contains("(still: 0.0 to 1"), "{error}");
     }
 
     #[test]
-    fn with_a_label_for_each_stretch_rest_is_a_load_too_and_other_numbers_are_told() {
+    fn unloaded_poses_are_loads_if_each_has_a_label_and_other_numbers_are_refused() {
         let labels = |count: usize| (0..count).map(|at| at.to_string()).collect::<Vec<_>>();
-        assert!(label_holds(&recording(), &labels(7)).is_ok());
-        let error = label_holds(&recording(), &labels(4)).unwrap_err();
-        assert_eq!((error.holds, error.loaded, error.loads), (7, 3, 4));
+        assert!(label_loads(&recording(), &labels(7)).is_ok());
+        let error = label_loads(&recording(), &labels(4)).unwrap_err();
+        assert_eq!((error.poses, error.loaded, error.loads), (7, 3, 4));
     }
 }
