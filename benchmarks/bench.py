@@ -5,6 +5,7 @@ other load on the machine affects all of them. Missing tools are named and left 
 usage: bench.py fits    [--peers DIR] [--rows N] [--full] [--before FILE]   fits against pandas, polars, DuckDB, R, Octave
        bench.py choice  [--rows N] [--before FILE]                           the default fit against a grid search of scikit-learn
        bench.py channels                                                     455 features of twelve channels against scikit-learn
+       bench.py binary                                                       Parquet and NumPy files against polars and numpy
        bench.py lengths                                                      time and memory against the length of a log
        bench.py trials  [--peers DIR] --matrix FILE                          batches of trials against a notebook's pipeline
        bench.py beams                                                        the beam channel against companion matrices
@@ -130,6 +131,20 @@ def channels(options: argparse.Namespace) -> None:
     compare(f"poly3 of twelve channels, {log.stat().st_size / 1e6:.1f} MB", tools, options.runs)
 
 
+def binary(options: argparse.Namespace) -> None:
+    script = HERE / "binary_logs.py"
+    by_position = ["--sensors", "1-8", "--wrench", "9-14"]
+    files = {"14.parquet": (0, []), "14+60.parquet": (60, []), "14.npy": (0, by_position)}
+    for name, (others, columns) in files.items():
+        log = made(WORK / name, [sys.executable, script, "make", WORK / name, others])
+        fit = ["fit", log, *columns, "--model", "linear", "-o", WORK / "calibration.json", "--json"]
+        tools = {"shellcal": [options.program, *fit]}
+        if options.before:
+            tools["shellcal before"] = [options.before, *fit]
+        tools["numpy" if name.endswith(".npy") else "polars + numpy"] = [sys.executable, script, "fit", log]
+        compare(f"{name}, linear, 500000 rows, {log.stat().st_size / 1e6:.1f} MB", tools, options.runs)
+
+
 def lengths(options: argparse.Namespace) -> None:
     rows = 10_000
     seed = WORK / "seed.csv"
@@ -249,7 +264,7 @@ def instructions(options: argparse.Namespace) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(usage=__doc__)
-    suites = [fits, choice, channels, lengths, trials, beams, instructions]
+    suites = [fits, choice, channels, binary, lengths, trials, beams, instructions]
     parser.add_argument("suite", choices=[suite.__name__ for suite in suites])
     parser.add_argument("--peers", type=Path)
     parser.add_argument("--program", type=Path)

@@ -90,6 +90,9 @@ pub enum PlacedProblem {
         if found.is_empty() { "none".to_owned() } else { quoted(found, ", ") }
     )]
     MissingColumns { missing: Vec<String>, found: Vec<String> },
+    /// The file has the column, but it cannot be one of the table.
+    #[error("column `{column}` is left out: {why}")]
+    LeftOutColumn { column: String, why: String },
     #[error("column `{column}`: the unit `{unit}` of its {} is not understood", match quantity {
         Quantity::Force => "force",
         Quantity::Moment => "moment",
@@ -169,6 +172,7 @@ impl Hint for PlacedProblem {
             Self::MissingColumns { .. } => {
                 "name the columns with `--sensors`, `--wrench`, `--time` or `--group`"
             }
+            Self::LeftOutColumn { .. } => "save it as a vector or a matrix of real numbers",
             Self::UnknownUnit { column, quantity, .. } => {
                 let understood = quantity.understood();
                 return Some(format!("say it with `--unit '{column}=UNIT'`: {understood}"));

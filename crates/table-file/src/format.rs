@@ -59,6 +59,8 @@ pub enum Cell {
     Whole(i64),
     /// Text.
     Text(String),
+    /// An elapsed time in s.
+    Elapsed(f64),
     /// A time since 1970, in units of 1/`per_second` s.
     Time { units: i64, per_second: i64 },
 }
@@ -67,7 +69,7 @@ impl Cell {
     /// Returns the number, or the time in seconds since 1970; `None` for text and missing values.
     pub fn number(&self) -> Option<f64> {
         match *self {
-            Self::Real(value) => Some(value),
+            Self::Real(value) | Self::Elapsed(value) => Some(value),
             Self::Whole(value) => Some(value as f64),
             Self::Time { units, per_second } => Some(seconds_of(units, per_second)),
             Self::Missing | Self::Text(_) => None,
@@ -79,7 +81,7 @@ impl Cell {
         match self {
             Self::Missing => Cow::Borrowed(""),
             Self::Whole(value) => Cow::Owned(value.to_string()),
-            Self::Real(value) => Cow::Owned(match whole(*value) {
+            Self::Real(value) | Self::Elapsed(value) => Cow::Owned(match whole(*value) {
                 Some(whole) => whole.to_string(),
                 None => zmij::Buffer::new().format(*value).to_owned(),
             }),
@@ -245,9 +247,14 @@ impl FoundTable {
 }
 
 pub(crate) trait RowSource: fmt::Debug + Send + Sync {
-    /// Returns the content of a column, from 0, if it cannot be read.
-    fn unread(&self, _column: usize) -> Option<&'static str> {
+    /// Returns the reason why a column, from 0, cannot be read: `holds values of type decimal`.
+    fn unread(&self, _column: usize) -> Option<String> {
         None
+    }
+
+    /// Returns true if the format says that the values of a column, from 0, are times, which are in s.
+    fn is_time(&self, _column: usize) -> bool {
+        false
     }
 
     /// Returns the number of columns; 0 if it differs between rows.

@@ -119,7 +119,13 @@ impl DataSets {
         let is_number = !attributes.contains_key("MATLAB_empty")
             && text("MATLAB_class").is_none_or(|it| CLASSES.contains(&it));
         let kind = set.datatype().map_err(unreadable)?;
-        let refused = set.filters().into_iter().find_map(unread_filter);
+        let filters = set.filters();
+        let refused = filters.iter().copied().find_map(unread_filter);
+        let is_big = element(&kind).is_some_and(|(_, is_little)| !is_little);
+        // `hdf5-pure` 0.47 returns such numbers in the other byte order, and calls shuffled ones damaged.
+        let is_misread = filters.contains(&SCALE_OFFSET) && (is_big || filters.contains(&SHUFFLE));
+        let refused = refused.or(is_misread
+            .then_some("compressed with scale-offset after a shuffle or in big-endian byte order"));
         let values = match &kind {
             _ if refused.is_some() => ArrayValues::Other(refused.unwrap_or_default()),
             _ if self.is_matlab && !is_number => ArrayValues::Other("no numbers"),
@@ -145,11 +151,14 @@ impl DataSets {
     }
 }
 
+const SHUFFLE: u16 = 2;
+const SCALE_OFFSET: u16 = 6;
+
 /// Returns the reason why a filter is not supported, by its number registered at The HDF Group.
 fn unread_filter(filter: u16) -> Option<&'static str> {
     Some(match filter {
         // Deflate, shuffle, Fletcher32, scale-offset, LZF, ZFP.
-        1..=3 | 6 | 32_000 | 32_013 => return None,
+        1 | SHUFFLE | 3 | SCALE_OFFSET | 32_000 | 32_013 => return None,
         4 => "compressed with szip",
         5 => "compressed with n-bit",
         307 => "compressed with bzip2",

@@ -15,6 +15,9 @@ use crate::kind::{FileKind, TableError};
 
 const KIND: FileKind = FileKind::NumPy;
 
+/// Limit on the nesting of records.
+const DEPTH: u8 = 8;
+
 #[derive(Debug)]
 struct Npy {
     file: FileSource,
@@ -28,28 +31,34 @@ struct Npy {
 }
 
 /// A column's position in a row, and its type.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 struct ValueOffset {
     offset: usize,
     kind: NumberKind,
     is_little: bool,
 }
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 enum NumberKind {
     Number(Element),
     /// A string of this number of bytes.
     Bytes(usize),
     /// A string of this number of four-byte characters.
     Characters(usize),
+    /// Anything else, of this number of bytes.
+    Unread {
+        size: usize,
+        name: String,
+    },
 }
 
 impl NumberKind {
-    fn size(self) -> usize {
+    fn size(&self) -> usize {
         match self {
             Self::Number(element) => element.size(),
-            Self::Bytes(count) => count,
+            Self::Bytes(count) => *count,
             Self::Characters(count) => 4 * count,
+            Self::Unread { size, .. } => *size,
         }
     }
 }
@@ -69,7 +78,11 @@ pub(crate) fn open(source: &FileSource) -> Result<FoundTable, TableError> {
     let mut header = vec![0; size];
     file.seek(SeekFrom::Start(before))?;
     file.read_exact(&mut header).map_err(cut)?;
-    let header = String::from_utf8_lossy(&header);
+    // Latin 1, and in version 3 UTF-8.
+    let header = match start[6] {
+        3 => String::from_utf8_lossy(&header).into_owned(),
+        _ => header.iter().map(|&byte| char::from(byte)).collect(),
+    };
     let (names, npy) = layout(source, &header, before + length)?;
     let (expected, found) = (npy.rows.saturating_mul(npy.row_bytes), source.length()?);
     let found = found.saturating_sub(npy.start);
@@ -99,12 +112,12 @@ fn layout(
         // Treated as a record with a single field.
         (Value::String(kind), [_, sides @ ..]) if sides.len() < 2 => {
             let field = Value::Array(vec!["values".into(), kind.as_str().into(), sides.into()]);
-            let (columns, _, row_bytes) = record(&[field])?;
-            (columns, None, row_bytes)
+            let record = Record::new(&[field])?;
+            (record.columns, None, record.offset)
         }
         (Value::Array(fields), [_]) => {
-            let (columns, names, row_bytes) = record(fields)?;
-            (columns, Some(names), row_bytes)
+            let record = Record::new(fields)?;
+            (record.columns, Some(record.names), record.offset)
         }
         (Value::String(_) | Value::Array(_), _) => {
             return Err(KIND.unsupported(format!(
@@ -113,6 +126,12 @@ fn layout(
         }
         _ => return Err(KIND.damaged("its `descr` is no type")),
     };
+    if let [ValueOffset { kind: NumberKind::Unread { name, .. }, .. }, ..] = &columns[..]
+        && columns.iter().all(|column| column.unread().is_some())
+    {
+        return Err(KIND.unsupported(format!("values of type `{name}`")));
+    }
+    let row_bytes = row_bytes as u64;
     let by_column = by_column && columns.len() > 1 && names.is_none();
     let rows = shape.first().copied().unwrap_or(0);
     let file = file.clone();
@@ -123,41 +142,83 @@ fn shape(shape: &Value) -> Option<Vec<u64>> {
     shape.as_array()?.iter().map(Value::as_u64).collect()
 }
 
-fn record(fields: &[Value]) -> Result<(Vec<ValueOffset>, Vec<String>, u64), TableError> {
-    let (mut columns, mut names, mut offset) = (Vec::new(), Vec::new(), 0);
-    for field in fields {
-        let Value::Array(parts) = field else { return Err(KIND.damaged("a field is no tuple")) };
-        let (name, kind, count) = match parts.as_slice() {
-            [Value::String(name), Value::String(kind)] => (name, kind, None),
-            [Value::String(name), Value::String(kind), sides] => {
-                let sides =
-                    shape(sides).ok_or_else(|| KIND.damaged("the shape of a field is none"))?;
-                let count = sides.iter().fold(1, |all: u64, side| all.saturating_mul(*side));
-                let count = usize::try_from(count).unwrap_or(usize::MAX);
-                budget::check_columns(KIND, count)?;
-                (name, kind, Some(count))
-            }
-            _ => return Err(KIND.unsupported("records within records")),
-        };
-        let (kind, is_little) = match kind.strip_prefix("|V").map(str::parse::<usize>) {
-            // Padding bytes.
-            Some(Ok(size)) if name.is_empty() && size < 1 << 16 => {
-                offset += size;
-                continue;
-            }
-            _ => self::kind(kind)?,
-        };
-        match count {
-            None => names.push(name.clone()),
-            Some(count) => names.extend((1..=count).map(|position| format!("{name}{position}"))),
-        }
-        for _ in 0..count.unwrap_or(1) {
-            columns.push(ValueOffset { offset, kind, is_little });
-            offset += kind.size();
-        }
-        budget::check_columns(KIND, columns.len())?;
+/// The columns of records, one field after the other.
+#[derive(Default)]
+struct Record {
+    columns: Vec<ValueOffset>,
+    names: Vec<String>,
+    offset: usize,
+}
+
+impl Record {
+    fn new(fields: &[Value]) -> Result<Self, TableError> {
+        let mut record = Self::default();
+        record.add(fields, "", DEPTH)?;
+        Ok(record)
     }
-    Ok((columns, names, offset as u64))
+
+    /// Adds fields, whose names follow `prefix`.
+    fn add(&mut self, fields: &[Value], prefix: &str, depth: u8) -> Result<(), TableError> {
+        for field in fields {
+            let Value::Array(parts) = field else {
+                return Err(KIND.damaged("a field is no tuple"));
+            };
+            let (name, kind, sides) = match parts.as_slice() {
+                [name, kind] => (name, kind, None),
+                [name, kind, sides] => (name, kind, Some(sides)),
+                _ => return Err(KIND.damaged("a field is no name and type")),
+            };
+            // A name may be preceded by a title.
+            let name = match name {
+                Value::Array(names) => names.last(),
+                name => Some(name),
+            };
+            let name =
+                name.and_then(Value::as_str).ok_or_else(|| KIND.damaged("a field's name"))?;
+            let count = match sides {
+                None => None,
+                Some(sides) => {
+                    let sides = shape(sides);
+                    let sides =
+                        sides.ok_or_else(|| KIND.damaged("the shape of a field is none"))?;
+                    let count = sides.iter().fold(1, |all: u64, side| all.saturating_mul(*side));
+                    let count = usize::try_from(count).unwrap_or(usize::MAX);
+                    budget::check_columns(KIND, count)?;
+                    Some(count)
+                }
+            };
+            for at in 1..=count.unwrap_or(1) {
+                let number = count.map(|_| at.to_string()).unwrap_or_default();
+                let (start, columns) = (self.offset, self.columns.len());
+                self.add_value(&format!("{prefix}{name}{number}"), kind, depth)?;
+                if self.columns.len() == columns {
+                    // Padding, as many times as it is there.
+                    let size = self.offset - start;
+                    self.offset = start.saturating_add(size.saturating_mul(count.unwrap_or(1)));
+                    break;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn add_value(&mut self, name: &str, kind: &Value, depth: u8) -> Result<(), TableError> {
+        let kind = match kind {
+            Value::Array(fields) if depth > 0 => {
+                return self.add(fields, &format!("{name}."), depth - 1);
+            }
+            Value::String(kind) => kind,
+            _ => return Err(KIND.unsupported("records within records without end")),
+        };
+        let (kind, is_little) = self::kind(kind)?;
+        let size = kind.size();
+        if !(name.is_empty() && matches!(kind, NumberKind::Unread { .. })) {
+            self.names.push(name.to_owned());
+            self.columns.push(ValueOffset { offset: self.offset, kind, is_little });
+        }
+        self.offset = self.offset.saturating_add(size);
+        budget::check_columns(KIND, self.columns.len())
+    }
 }
 
 /// Parses a type such as `<f8`, `|b1` or `<M8[ns]`, and its byte order.
@@ -169,16 +230,12 @@ fn kind(name: &str) -> Result<(NumberKind, bool), TableError> {
         '>' => (false, &name[1..]),
         _ => (true, name),
     };
-    if let Some(unit) = name_of.strip_prefix("M8[").and_then(|unit| unit.strip_suffix(']')) {
-        let per_second = match unit {
-            "s" => 1,
-            "ms" => 1_000,
-            "us" => 1_000_000,
-            "ns" => 1_000_000_000,
-            _ => return Err(wrong()),
-        };
-        let time = Element::Time { size: 8, units: 1, per_second };
-        return Ok((NumberKind::Number(time), is_little));
+    let unread = |size| NumberKind::Unread { size, name: name.to_owned() };
+    if let Some(unit) = name_of.strip_prefix("M8") {
+        return Ok((time(unit).map_or(unread(8), NumberKind::Number), is_little));
+    }
+    if name_of.starts_with("m8") {
+        return Ok((unread(8), is_little));
     }
     let size: u16 = name_of.get(1..).and_then(|size| size.parse().ok()).ok_or_else(wrong)?;
     let kind = match (name_of.as_bytes()[0], size) {
@@ -190,12 +247,43 @@ fn kind(name: &str) -> Result<(NumberKind, bool), TableError> {
         (b'b' | b'?', 1) => NumberKind::Number(Element::Truth),
         (b'S' | b'a', 1..) => NumberKind::Bytes(usize::from(size)),
         (b'U', 1..=4096) => NumberKind::Characters(usize::from(size)),
+        // Complex numbers, long doubles, and bytes.
+        (b'c' | b'f' | b'V', _) => unread(usize::from(size)),
         _ => return Err(wrong()),
     };
     Ok((kind, is_little))
 }
 
+/// Parses the unit of times, such as `[ns]` or `[25ms]`; `None` for months and years, whose lengths differ.
+fn time(unit: &str) -> Option<Element> {
+    let unit = unit.strip_prefix('[')?.strip_suffix(']')?;
+    let digits = unit.find(|c: char| !c.is_ascii_digit())?;
+    let count: i64 = if digits == 0 { 1 } else { unit[..digits].parse().ok()? };
+    let (seconds, per_second) = match &unit[digits..] {
+        "W" => (7 * 86_400, 1),
+        "D" => (86_400, 1),
+        "h" => (3_600, 1),
+        "m" => (60, 1),
+        "s" => (1, 1),
+        "ms" => (1, 1_000),
+        "us" => (1, 1_000_000),
+        "ns" => (1, 1_000_000_000),
+        "ps" => (1, 1_000_000_000_000),
+        _ => return None,
+    };
+    Some(Element::Time { size: 8, units: count.checked_mul(seconds)?, per_second })
+}
+
 impl RowSource for Npy {
+    fn unread(&self, column: usize) -> Option<String> {
+        self.columns.get(column)?.unread()
+    }
+
+    fn is_time(&self, column: usize) -> bool {
+        let kind = self.columns.get(column).map(|column| &column.kind);
+        matches!(kind, Some(NumberKind::Number(Element::Time { .. })))
+    }
+
     fn columns(&self) -> usize {
         self.columns.len()
     }
@@ -233,6 +321,12 @@ impl RowSource for Npy {
 }
 
 impl ValueOffset {
+    /// Returns the reason why the column cannot be read.
+    fn unread(&self) -> Option<String> {
+        let NumberKind::Unread { name, .. } = &self.kind else { return None };
+        Some(format!("holds values of type `{name}`"))
+    }
+
     fn read(&self, from: Strided<'_>, part: &mut ColumnPart) {
         let NumberKind::Number(element) = self.kind else {
             let texts = from.values(self.kind.size()).map(|bytes| Cell::Text(self.text(bytes)));
@@ -303,6 +397,27 @@ fn json_of_word(word: &str) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn records_within_records_are_columns() {
+        let file = FileSource::Memory(Vec::new().into());
+        let layout = |fields: &str| {
+            let header = format!("{{'descr': [{fields}], 'fortran_order': False, 'shape': (3,)}}");
+            layout(&file, &header, 128)
+        };
+        let fields = "('t', '<f8'), ('w', [('x', '>i2'), ('c', '<c8')], (2,)), ('', '|V2'), \
+                      (('a title', 'z'), '<M8[25ms]')";
+        let (names, npy) = layout(fields).unwrap();
+        assert_eq!(names.unwrap(), ["t", "w1.x", "w1.c", "w2.x", "w2.c", "z"]);
+        let offsets: Vec<usize> = npy.columns.iter().map(|column| column.offset).collect();
+        assert_eq!((&offsets[..], npy.row_bytes), (&[0, 8, 10, 18, 20, 30][..], 38));
+        let is_unread = |at: usize| npy.unread(at).is_some();
+        assert!((0..6).all(|at| is_unread(at) == [2, 4].contains(&at)) && npy.is_time(5));
+        // As many fields of nothing as the limits allow, in each of the others.
+        let nothing = (0..DEPTH)
+            .fold("('a', [], (4096,))".to_owned(), |inner, _| format!("('a', [{inner}], (4096,))"));
+        assert!(layout(&nothing).is_err() || layout(&nothing).unwrap().1.columns.is_empty());
+    }
 
     #[test]
     fn headers_of_numpy_are_read() {

@@ -215,7 +215,7 @@ impl OpenCell {
                 None => Cell::Text(date),
             }),
             Some("time") => attribute("time-value").map(|time| match duration(&time) {
-                Some(seconds) => Cell::Real(seconds),
+                Some(seconds) => Cell::Elapsed(seconds),
                 None => Cell::Text(time),
             }),
             _ => attribute("string-value").filter(|_| text.is_empty()).map(Cell::Text),

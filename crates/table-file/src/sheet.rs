@@ -70,6 +70,13 @@ fn filled<S: Sheet>(sheet: &Arc<S>) -> Result<usize, TableError> {
 struct SheetRows<S>(Arc<S>);
 
 impl<S: Sheet> RowSource for SheetRows<S> {
+    fn is_time(&self, column: usize) -> bool {
+        let Ok(mut next) = Arc::clone(&self.0).numbered() else { return false };
+        let rows = std::iter::from_fn(|| next().ok().flatten());
+        let is_time = |cell: &Cell| matches!(cell, Cell::Elapsed(_) | Cell::Time { .. });
+        rows.take(LOOKED_AT).any(|(_, cells)| cells.get(column).is_some_and(is_time))
+    }
+
     fn columns(&self) -> usize {
         0
     }
@@ -99,5 +106,38 @@ impl<S: Sheet> RowSource for SheetRows<S> {
 /// Returns true if a row is empty or a remark.
 fn is_blank(row: &[Cell]) -> bool {
     let first = row.iter().find(|cell| **cell != Cell::Missing);
-    first.is_none_or(|cell| matches!(cell, Cell::Text(text) if text.starts_with(['#'])))
+    let is_remark = |text: &str| text.starts_with('#') && !is_error(text);
+    first.is_none_or(|cell| matches!(cell, Cell::Text(text) if is_remark(text)))
+}
+
+/// Returns true for an error of a formula: `#DIV/0!`, `#NAME?`, `#N/A`.
+pub(crate) fn is_error(text: &str) -> bool {
+    let is_of_error = |c: char| c.is_ascii_uppercase() || matches!(c, '/' | '_' | '0');
+    text == "#N/A"
+        || text
+            .strip_prefix('#')
+            .and_then(|rest| rest.strip_suffix(['!', '?']))
+            .is_some_and(|name| !name.is_empty() && name.chars().all(is_of_error))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_of_formulas_are_no_remarks() {
+        for (text, expected) in [
+            ("#DIV/0!", false),
+            ("#N/A", false),
+            ("#NAME?", false),
+            ("#GETTING_DATA!", false),
+            ("# quiet", true),
+            ("#", true),
+            ("#!", true),
+            ("#stop!", true),
+        ] {
+            let row = [Cell::Missing, Cell::Text(text.to_owned()), Cell::Real(1.0)];
+            assert_eq!(is_blank(&row), expected, "{text}");
+        }
+    }
 }

@@ -8,6 +8,7 @@ use crate::format::{
     ColumnPart, FileSource, FoundTable, RowSource, RowStream, TableColumn, TablePart, WantedColumn,
 };
 use crate::kind::{FileKind, TableError};
+use crate::sheet::is_error;
 use crate::{hdf5, mat5, npy, ods, parquet, recording, tdms, xdf, xlsx};
 
 #[derive(Clone, Debug)]
@@ -65,15 +66,28 @@ impl Table {
         self.rows.columns()
     }
 
+    /// Returns true if the format says that the values of a column, from 0, are times.
+    pub fn is_time(&self, column: usize) -> bool {
+        self.rows.is_time(column)
+    }
+
+    /// Returns the reason why an array of this name, with or without its groups, is not among the columns.
+    pub fn reason_of_absence(&self, name: &str) -> Option<&str> {
+        self.notes.iter().find_map(|note| {
+            let (path, why) = note.strip_prefix('`')?.split_once("` is left out: ")?;
+            (path == name || path.rsplit('/').next() == Some(name)).then_some(why)
+        })
+    }
+
     /// Checks that the values of a column, from 0, can be read.
     ///
     /// # Errors
     /// [`TableError::Unsupported`] with the column's name and content.
     pub fn check_is_read(&self, column: usize) -> Result<(), TableError> {
-        let Some(what) = self.rows.unread(column) else { return Ok(()) };
+        let Some(why) = self.rows.unread(column) else { return Ok(()) };
         let name = self.columns.as_ref().and_then(|columns| columns.get(column));
         let name = name.map_or("", |column| &column.name);
-        Err(self.kind.unsupported(format!("column `{name}` holds values of type {what}")))
+        Err(self.kind.unsupported(format!("column `{name}` {why}")))
     }
 
     /// Returns the number of rows in a part of about `bytes` bytes with all columns.
@@ -111,6 +125,26 @@ impl Table {
         };
         let wanted: Vec<_> =
             (0..columns).filter(is_read).map(|at| WantedColumn { at, is_text: true }).collect();
+        let head = |wanted: &[WantedColumn]| self.head_of(wanted.to_vec(), rows, bytes);
+        match head(&wanted) {
+            // A column that nobody may want.
+            Err(TableError::Unsupported { .. }) => {
+                let is_read = |column: &WantedColumn| {
+                    !matches!(head(&[*column]), Err(TableError::Unsupported { .. }))
+                };
+                head(&wanted.into_iter().filter(is_read).collect::<Vec<_>>())
+            }
+            head => head,
+        }
+    }
+
+    /// Formats the first rows of some columns.
+    fn head_of(
+        &self,
+        wanted: Vec<WantedColumn>,
+        rows: usize,
+        bytes: usize,
+    ) -> Result<Vec<u8>, TableError> {
         let places: Vec<usize> = wanted.iter().map(|wanted| wanted.at).collect();
         let mut text = Vec::new();
         if let Some(columns) = &self.columns {
@@ -150,7 +184,13 @@ fn write_row(
         if let ColumnPart::Cells(cells) = column
             && let Some(cell) = cells.get(row)
         {
-            text.extend_from_slice(escape::csv_field(&cell.text()).as_bytes());
+            let field = cell.text();
+            // In a text such a line would be a remark.
+            let is_mark = text.len() == start && field.starts_with(['#', '%', '/']);
+            match is_mark && (columns.is_some() || is_error(&field)) {
+                true => text.extend(format!("\"{}\"", field.replace('"', "\"\"")).bytes()),
+                false => text.extend_from_slice(escape::csv_field(&field).as_bytes()),
+            }
             if *cell != crate::format::Cell::Missing {
                 end = text.len();
             }

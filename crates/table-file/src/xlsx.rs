@@ -301,7 +301,7 @@ const FIRST_DATE: f64 = 366.0;
 
 /// Converts an elapsed time to seconds, rounded to the microsecond.
 fn elapsed(days: f64) -> Cell {
-    Cell::Real((days * 86_400e6).round() / 1e6)
+    Cell::Elapsed((days * 86_400e6).round() / 1e6)
 }
 
 /// Converts days to a date or time, rounded to the microsecond, about the precision of such numbers.

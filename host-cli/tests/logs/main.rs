@@ -23,6 +23,7 @@ mod hints;
 mod hostile;
 mod instruments;
 mod kept_columns;
+mod library_files;
 mod log_bad_input;
 mod log_containers;
 mod log_formats;

@@ -15,7 +15,7 @@ pub(crate) struct DateColumn {
     pub(crate) is_of_day: bool,
 }
 
-/// Fields of the time column in the first rows.
+/// Fields of the time column in the first rows, without the empty ones.
 pub(super) struct ClockFields(Vec<Vec<u8>>);
 
 pub(super) const CLOCK_ROWS: usize = 64;
@@ -27,7 +27,8 @@ impl ClockFields {
             .enumerate()
             .filter(|(row, line)| *row == 0 || line.next < rows.len())
             .map(|(_, line)| fields(line.text, separator));
-        Self(whole.filter_map(|mut fields| fields.get_mut(at).map(std::mem::take)).collect())
+        let of_column = whole.filter_map(|mut fields| fields.get_mut(at).map(std::mem::take));
+        Self(of_column.filter(|field| !field.trim_ascii().is_empty()).collect())
     }
 
     pub(super) fn first(&self) -> Option<&[u8]> {

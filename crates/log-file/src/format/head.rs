@@ -264,7 +264,9 @@ fn of_fields(
             }
             let is_beside = is_sheet && names.len() < columns;
             let is_table = is_beside && named > 1 && (roles(&names) > 0 || are_units(&names));
-            let is_whole = names.len() == columns && 2 * named >= columns;
+            // The last columns of a sheet may be empty at first.
+            let is_above = is_sheet && names.len() > columns && named == names.len();
+            let is_whole = is_above || names.len() == columns && 2 * named >= columns;
             ((is_whole || is_table) && is_text).then_some((at, names))
         })
     };

@@ -168,7 +168,11 @@ pub(crate) fn recognise_layout(
     let rate_hz = said_rate.filter(|_| roles.time.is_none()).map(|(rate, _)| rate);
     let clock = roles.time.map(clock_at);
     let dates = clock.as_ref().and_then(|clock| clock.dates(order));
-    if let (Some(_), Some(at)) = (&dates, roles.time) {
+    // The values of a table's times are in s, whatever the name says and even if the first rows have none.
+    let is_typed = |at: usize| source.as_whole_table().is_some_and(|table| table.is_time(at));
+    if let Some(at) = roles.time
+        && (dates.is_some() || is_typed(at))
+    {
         columns[at].set_unit(TimeUnit::Second.into());
     }
     if let (Some(at), Some(clock), None) = (roles.time, &clock, mapping.time_unit)

@@ -302,7 +302,17 @@ impl LogSource {
     /// Makes the error for a problem at a line of the text.
     pub(crate) fn error_at(&self, line: u64, problem: impl Into<PlacedProblem>) -> LogError {
         let (path, position) = (self.path.clone(), self.position(line));
-        LogError::At { path, position, problem: problem.into() }
+        let problem = problem.into();
+        let left_out = match (&problem, self.as_table()) {
+            (PlacedProblem::MissingColumns { missing, .. }, Some(table)) => {
+                missing.iter().find_map(|column| {
+                    let why = table.reason_of_absence(column)?.to_owned();
+                    Some(PlacedProblem::LeftOutColumn { column: column.clone(), why })
+                })
+            }
+            _ => None,
+        };
+        LogError::At { path, position, problem: left_out.unwrap_or(problem) }
     }
 
     pub(crate) fn table_error(&self, problem: TableError) -> LogError {

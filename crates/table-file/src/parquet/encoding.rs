@@ -100,45 +100,136 @@ fn bits(bytes: &[u8], start: usize, width: u32) -> u64 {
     (shifted & ((1_u128 << width) - 1)) as u64
 }
 
-/// Decodes delta-encoded integers, in blocks of miniblocks with a width each; `None` for an invalid header.
-pub(super) fn deltas(bytes: Vec<u8>) -> Option<impl Iterator<Item = i64> + Send> {
-    let mut head = ByteReader::new(&bytes);
-    let block = usize::try_from(head.varint()?).ok()?;
-    let miniblocks = usize::try_from(head.varint()?).ok()?;
-    let mut left = head.varint()?;
-    let mut value = head.zigzag()?;
-    let size = block.checked_div(miniblocks)?;
-    if miniblocks > 1024 || size == 0 || size > 1 << 20 || size % 8 != 0 {
-        return None;
+/// Delta-encoded integers, in blocks of miniblocks with a width each.
+pub(super) struct Deltas {
+    bytes: Vec<u8>,
+    at: usize,
+    left: u64,
+    value: i64,
+    /// Number of values and of miniblocks in a miniblock and a block.
+    size: usize,
+    miniblocks: usize,
+    /// The block's smallest difference, and the widths of its remaining miniblocks.
+    least: i64,
+    widths: std::vec::IntoIter<u8>,
+    /// The miniblock's width, and the number of values read from it.
+    width: u32,
+    read: usize,
+    is_first: bool,
+}
+
+impl Deltas {
+    /// Returns `None` for an invalid header.
+    pub(super) fn new(bytes: Vec<u8>) -> Option<Self> {
+        let mut head = ByteReader::new(&bytes);
+        let block = usize::try_from(head.varint()?).ok()?;
+        let miniblocks = usize::try_from(head.varint()?).ok()?;
+        let left = head.varint()?;
+        let value = head.zigzag()?;
+        let size = block.checked_div(miniblocks)?;
+        if miniblocks > 1024 || size == 0 || size > 1 << 20 || size % 8 != 0 {
+            return None;
+        }
+        let at = bytes.len() - head.rest.len();
+        let (widths, read) = (Vec::new().into_iter(), size);
+        let (least, width, is_first) = (0, 0, true);
+        Some(Self {
+            bytes,
+            at,
+            left,
+            value,
+            size,
+            miniblocks,
+            least,
+            widths,
+            width,
+            read,
+            is_first,
+        })
     }
-    let mut at = bytes.len() - head.rest.len();
-    // The block's smallest difference, and the widths of its remaining miniblocks.
-    let (mut least, mut widths) = (0, Vec::new().into_iter());
-    // The miniblock's width, and the number of values read from it.
-    let (mut width, mut read, mut is_first) = (0, size, true);
-    Some(std::iter::from_fn(move || {
-        left = left.checked_sub(1)?;
-        if std::mem::take(&mut is_first) {
-            return Some(value);
+
+    /// Moves to the next miniblock.
+    fn advance(&mut self) -> Option<()> {
+        self.at += self.width as usize * self.size / 8;
+        if self.widths.len() == 0 {
+            let mut rest = ByteReader::new(self.bytes.get(self.at..)?);
+            self.least = rest.zigzag()?;
+            self.widths = rest.take(self.miniblocks)?.to_vec().into_iter();
+            self.at = self.bytes.len() - rest.rest.len();
         }
-        if read == size {
-            at += width as usize * size / 8;
-            if widths.len() == 0 {
-                let mut rest = ByteReader::new(bytes.get(at..)?);
-                least = rest.zigzag()?;
-                widths = rest.take(miniblocks)?.to_vec().into_iter();
-                at = bytes.len() - rest.rest.len();
-            }
-            (width, read) = (u32::from(widths.next()?), 0);
-            if width > 64 || (width > 0 && at >= bytes.len()) {
-                return None;
-            }
+        (self.width, self.read) = (u32::from(self.widths.next()?), 0);
+        let is_there = self.width == 0 || self.at < self.bytes.len();
+        (self.width <= 64 && is_there).then_some(())
+    }
+
+    /// Splits bytes that begin with such integers after the last of them.
+    pub(super) fn split(mut bytes: Vec<u8>) -> Option<(Self, Vec<u8>)> {
+        let mut integers = Self::new(bytes)?;
+        let mut left = integers.left.saturating_sub(1);
+        while left > 0 {
+            integers.advance()?;
+            left = left.saturating_sub(integers.size as u64);
         }
-        let difference = bits(&bytes, 8 * at + read * width as usize, width);
-        read += 1;
-        value = value.wrapping_add(least).wrapping_add(difference as i64);
-        Some(value)
-    }))
+        // The last miniblock is stored whole.
+        let end = integers.at + integers.width as usize * integers.size / 8;
+        bytes = integers.bytes;
+        let rest = if end <= bytes.len() { bytes.split_off(end) } else { return None };
+        Some((Self::new(bytes)?, rest))
+    }
+}
+
+impl Iterator for Deltas {
+    type Item = i64;
+
+    fn next(&mut self) -> Option<i64> {
+        self.left = self.left.checked_sub(1)?;
+        if std::mem::take(&mut self.is_first) {
+            return Some(self.value);
+        }
+        if self.read == self.size {
+            self.advance()?;
+        }
+        let start = 8 * self.at + self.read * self.width as usize;
+        let difference = bits(&self.bytes, start, self.width);
+        self.read += 1;
+        self.value = self.value.wrapping_add(self.least).wrapping_add(difference as i64);
+        Some(self.value)
+    }
+}
+
+/// Texts that are stored as the lengths of all, followed by their bytes; and possibly as the number of bytes that
+/// each shares with the text before it.
+pub(super) struct DeltaTexts {
+    shared: Option<Deltas>,
+    lengths: Deltas,
+    bytes: Vec<u8>,
+    at: usize,
+    before: Vec<u8>,
+}
+
+impl DeltaTexts {
+    pub(super) fn new(bytes: Vec<u8>, shares: bool) -> Option<Self> {
+        let (shared, bytes) = match shares {
+            true => Deltas::split(bytes).map(|(shared, rest)| (Some(shared), rest))?,
+            false => (None, bytes),
+        };
+        let (lengths, bytes) = Deltas::split(bytes)?;
+        Some(Self { shared, lengths, bytes, at: 0, before: Vec::new() })
+    }
+
+    pub(super) fn next(&mut self) -> Option<&[u8]> {
+        let shared = self.shared.as_mut().map_or(Some(0), Deltas::next)?;
+        let (shared, length) = (usize::try_from(shared).ok()?, self.lengths.next()?);
+        let end = self.at.checked_add(usize::try_from(length).ok()?)?;
+        let own = self.bytes.get(self.at..end)?;
+        if shared > self.before.len() {
+            return None;
+        }
+        self.before.truncate(shared);
+        self.before.extend_from_slice(own);
+        self.at = end;
+        Some(&self.before)
+    }
 }
 
 #[cfg(test)]
@@ -161,13 +252,38 @@ mod tests {
     }
 
     #[test]
+    fn texts_are_those_of_the_specification() {
+        // Four integers: the least difference, and the others relative to it in `width` bits.
+        let integers = |first: u8, least: u8, width: u8, packed: u16| {
+            let mut bytes = vec![0x80, 0x01, 4, 4, 2 * first, least, width, 0, 0, 0];
+            bytes.extend(packed.to_le_bytes());
+            // Thirty-two numbers.
+            bytes.resize(10 + 4 * usize::from(width), 0);
+            bytes
+        };
+        let texts = |bytes: Vec<u8>, shares: bool| {
+            let mut texts = DeltaTexts::new(bytes, shares).unwrap();
+            let next = || Some(String::from_utf8_lossy(texts.next()?).into_owned());
+            std::iter::from_fn(next).collect::<Vec<String>>()
+        };
+        let lengths = integers(5, 0, 1, 0b010);
+        let bytes = [&lengths[..], b"HelloWorldFoobarABCDEF"].concat();
+        assert_eq!(texts(bytes, false), ["Hello", "World", "Foobar", "ABCDEF"]);
+        // Shared bytes 0, 2, 0, 3; lengths of the rest 4, 2, 6, 5.
+        let (shared, rest) = (integers(0, 3, 3, 0o504), integers(4, 3, 3, 0o160));
+        let bytes = [&shared[..], &rest, b"axislebabbleyhood"].concat();
+        assert_eq!(texts(bytes, true), ["axis", "axle", "babble", "babyhood"]);
+        assert!(DeltaTexts::new(vec![0x80, 0x01, 4, 4, 10, 0, 1, 0], false).is_none());
+    }
+
+    #[test]
     fn differences_are_those_of_the_specification() {
         // 1 to 5: one block of 128 in four miniblocks, all differences are 1.
         let same = vec![0x80, 0x01, 4, 5, 2, 2, 0, 0, 0, 0];
-        assert_eq!(deltas(same).unwrap().collect::<Vec<_>>(), [1, 2, 3, 4, 5]);
+        assert_eq!(Deltas::new(same).unwrap().collect::<Vec<_>>(), [1, 2, 3, 4, 5]);
         // 7, 5, 3, 1, 2, 3, 4, 5: differences relative to −2, in two bits.
         let mut bytes = vec![0x80, 0x01, 4, 8, 14, 3, 2, 0, 0, 0, 0b1100_0000, 0b0011_1111];
         bytes.extend([0; 6]);
-        assert_eq!(deltas(bytes).unwrap().collect::<Vec<_>>(), [7, 5, 3, 1, 2, 3, 4, 5]);
+        assert_eq!(Deltas::new(bytes).unwrap().collect::<Vec<_>>(), [7, 5, 3, 1, 2, 3, 4, 5]);
     }
 }

@@ -29,6 +29,9 @@ const KIND: FileKind = FileKind::Parquet;
 /// The longest footer in bytes; decoded values take up to 32 times as much.
 const FOOTER: u64 = 4 << 20;
 
+/// Number of row groups that are searched for a list that is not missing.
+const LISTS_LOOKED_AT: usize = 64;
+
 /// The largest number of values per byte of a file, beyond a few millions.
 const VALUES_PER_BYTE: u64 = 2048;
 
@@ -61,7 +64,8 @@ pub(crate) fn open(source: &FileSource) -> Result<FoundTable, TableError> {
     let footer = footer(&mut file, length)?;
     let mut leaves = schema::leaves(&footer)?;
     let groups = footer.list(4).ok_or_else(|| KIND.damaged("its footer lists no row groups"))?;
-    let groups = (1..).zip(groups).map(|(number, group)| row_group(group, number, &leaves, length));
+    let groups = (1..).zip(groups);
+    let groups = groups.map(|(number, group)| row_group(group, number, &mut leaves, length));
     let groups = groups.collect::<Result<Vec<_>, _>>()?;
     let rows = groups.iter().fold(0, |all: u64, group| all.saturating_add(group.rows));
     let values = rows.saturating_mul(leaves.len() as u64);
@@ -69,18 +73,26 @@ pub(crate) fn open(source: &FileSource) -> Result<FoundTable, TableError> {
         let columns = leaves.len();
         return Err(KIND.damaged(format!("{rows} rows of {columns} columns in {length} bytes")));
     }
-    if rows > 0 && !leaves.iter().any(|leaf| leaf.kind.opaque().is_none()) {
-        return Err(KIND.unsupported("no column of numbers or texts"));
+    if rows > 0 && leaves.iter().all(|leaf| leaf.unread().is_some()) {
+        let first = leaves.first().and_then(|leaf| Some((&leaf.name, leaf.unread()?)));
+        let why = first.map(|(name, why)| format!(": column `{name}` {why}")).unwrap_or_default();
+        return Err(KIND.unsupported(format!("no column of numbers or texts{why}")));
     }
     let mut pages = ParquetSource { file, length, held: 0, unpacked: Unpacked::default() };
     for (at, leaf) in leaves.iter_mut().enumerate().filter(|(_, leaf)| leaf.list.is_some()) {
-        let chunk = groups.iter().find(|group| group.rows > 0).and_then(|it| it.chunks.get(at));
-        let length = match chunk {
-            Some(chunk) if leaf.kind.opaque().is_none() => {
-                ColumnReader::new(*chunk).list_length(&mut pages, leaf)?
+        let filled = groups.iter().filter(|group| group.rows > 0 && leaf.unread().is_none());
+        let mut length = None;
+        for chunk in filled.take(LISTS_LOOKED_AT).filter_map(|group| group.chunks.get(at)) {
+            length = match ColumnReader::new(*chunk).list_length(&mut pages, leaf) {
+                // The column may not be wanted.
+                Err(TableError::Unsupported { .. }) => None,
+                length => length?,
+            };
+            if length != Some(0) {
+                break;
             }
-            _ => None,
-        };
+        }
+        let length = length.filter(|length| *length > 0);
         match (length, &mut leaf.list) {
             (Some(length), Some(list)) => list.length = length,
             _ => {
@@ -124,7 +136,7 @@ fn footer(file: &mut OpenFile, length: u64) -> Result<Value, TableError> {
 fn row_group(
     group: &Value,
     number: usize,
-    leaves: &[Leaf],
+    leaves: &mut [Leaf],
     length: u64,
 ) -> Result<RowGroup, TableError> {
     let wrong = || KIND.damaged(format!("row group {number}"));
@@ -154,10 +166,8 @@ fn row_group(
                     Some(5) => "LZ4 as Hadoop does",
                     _ => "an unknown method",
                 };
-                return Err(KIND.unsupported(format!(
-                    "column `{}` is compressed with {method}, not Snappy, Zstandard or gzip",
-                    leaf.name
-                )));
+                leaf.packed = Some(method);
+                Codec::None
             }
         };
         Ok(ColumnChunk { codec, at, end })
@@ -173,8 +183,13 @@ struct WantedLeaf {
 }
 
 impl RowSource for ParquetTable {
-    fn unread(&self, column: usize) -> Option<&'static str> {
-        self.leaves.get(self.columns.get(column)?.0)?.kind.opaque()
+    fn unread(&self, column: usize) -> Option<String> {
+        self.leaves.get(self.columns.get(column)?.0)?.unread()
+    }
+
+    fn is_time(&self, column: usize) -> bool {
+        let leaf = self.columns.get(column).and_then(|(at, _)| self.leaves.get(*at));
+        leaf.is_some_and(|leaf| leaf.kind.is_time())
     }
 
     fn columns(&self) -> usize {

@@ -2,7 +2,7 @@
 
 use std::io::{Read, Seek, SeekFrom};
 
-use super::encoding::{Integers, deltas};
+use super::encoding::{DeltaTexts, Deltas, Integers};
 use super::schema::{Leaf, LeafType, ListLeaf};
 use super::{ColumnChunk, KIND, ParquetSource};
 use crate::budget;
@@ -42,11 +42,15 @@ enum PageValues {
     Plain(Vec<u8>, usize),
     Indices(Integers),
     Truths(Integers),
-    Deltas(Box<dyn Iterator<Item = i64> + Send>),
+    Deltas(Box<Deltas>),
+    DeltaTexts(Box<DeltaTexts>),
 }
 
 /// Number of list elements that are checked for the lengths of lists.
 const LOOKED_AT: u64 = 1 << 14;
+
+/// Bytes of texts in a part of a column: a few bytes of a file can repeat a long text for every row.
+const TEXTS: usize = 64 << 20;
 
 const DATA: i64 = 0;
 const DICTIONARY: i64 = 2;
@@ -69,7 +73,7 @@ impl ColumnReader {
         count: usize,
         part: &mut ColumnPart,
     ) -> Result<(), TableError> {
-        let (mut left, mut levels) = (count, Vec::new());
+        let (mut left, mut levels, mut text_bytes) = (count, Vec::new(), TEXTS);
         while left > 0 {
             let Some(page) = self.page.as_mut().filter(|page| page.left > 0) else {
                 let is_text = matches!(part, ColumnPart::Cells(_));
@@ -78,7 +82,7 @@ impl ColumnReader {
             };
             let mut count = left.min(usize::try_from(page.left).unwrap_or(usize::MAX));
             let read = match &mut page.levels {
-                None => page.values.read(count, leaf.kind, &self.dictionary, part),
+                None => page.values.read(count, leaf.kind, &self.dictionary, &mut text_bytes, part),
                 Some(integers) => {
                     levels.clear();
                     let read = integers.read(count, &mut levels);
@@ -87,7 +91,13 @@ impl ColumnReader {
                     let mut runs = levels.chunk_by(|a, b| is_there(a) == is_there(b));
                     read.and_then(|()| {
                         runs.try_for_each(|run| match is_there(&run[0]) {
-                            true => page.values.read(run.len(), leaf.kind, &self.dictionary, part),
+                            true => page.values.read(
+                                run.len(),
+                                leaf.kind,
+                                &self.dictionary,
+                                &mut text_bytes,
+                                part,
+                            ),
                             false => {
                                 run.iter().for_each(|_| part.push(Cell::Missing));
                                 Some(())
@@ -96,8 +106,7 @@ impl ColumnReader {
                     })
                 }
             };
-            let wrong = || KIND.damaged(format!("column `{}`: a page of values", leaf.name));
-            read.ok_or_else(wrong)?;
+            read.ok_or_else(|| unread_values(leaf, text_bytes))?;
             page.left -= count as u64;
             left -= count;
         }
@@ -114,9 +123,14 @@ impl ColumnReader {
         part: &mut ColumnPart,
     ) -> Result<(), TableError> {
         let wrong = || KIND.damaged(format!("column `{}`: a page of values", leaf.name));
-        let (mut row, mut levels) = (0, Vec::new());
+        let different =
+            || KIND.unsupported(format!("column `{}` holds lists of different lengths", leaf.name));
+        let (mut row, mut levels, mut text_bytes) = (0, Vec::new(), TEXTS);
         while row < rows {
             let Some(page) = self.page.as_mut().filter(|page| page.left > 0) else {
+                if self.elements > 0 && self.chunk.at >= self.chunk.end {
+                    return Err(different());
+                }
                 let is_text = matches!(part, ColumnPart::Cells(_));
                 self.next_page(source, leaf, is_text)?;
                 continue;
@@ -129,13 +143,13 @@ impl ColumnReader {
             let (begins, level) = (levels[0] == 0, levels[1]);
             let has_element = level >= u64::from(list.level);
             if begins != (self.elements == 0) || !begins && !has_element {
-                let what = "lists of different lengths";
-                return Err(KIND.unsupported(format!("column `{}` holds {what}", leaf.name)));
+                return Err(different());
             }
             let count = if has_element { 1 } else { list.length };
             if level == u64::from(leaf.levels) {
-                let read = page.values.read(1, leaf.kind, &self.dictionary, part);
-                read.ok_or_else(wrong)?;
+                let dictionary = &self.dictionary;
+                let read = page.values.read(1, leaf.kind, dictionary, &mut text_bytes, part);
+                read.ok_or_else(|| unread_values(leaf, text_bytes))?;
             } else {
                 (0..count).for_each(|_| part.push(Cell::Missing));
             }
@@ -145,7 +159,7 @@ impl ColumnReader {
         Ok(())
     }
 
-    /// Returns the common length of the lists in the first page; `None` if they differ.
+    /// Returns the common length of the lists in the first page, 0 if all are missing; `None` if they differ.
     pub(super) fn list_length(
         &mut self,
         source: &mut ParquetSource,
@@ -154,21 +168,31 @@ impl ColumnReader {
         while self.page.is_none() {
             self.next_page(source, leaf, true)?;
         }
-        let Some(Page { left, repeats: Some(repeats), .. }) = &mut self.page else {
+        let (Some(list), Some(page)) = (&leaf.list, &mut self.page) else { return Ok(None) };
+        let Page { left, repeats: Some(repeats), levels: Some(definitions), .. } = page else {
             return Ok(None);
         };
         // More than a row of a table may have.
         let most = (*left).min(LOOKED_AT) as usize;
-        let mut levels = Vec::new();
-        while levels.len() < most && repeats.read(most - levels.len(), &mut levels).is_some() {}
-        let starts: Vec<usize> =
-            levels.iter().enumerate().filter(|(_, level)| **level == 0).map(|(at, _)| at).collect();
-        let lengths: Vec<usize> = starts.windows(2).map(|pair| pair[1] - pair[0]).collect();
-        let only = match lengths.first() {
-            Some(&first) => lengths.iter().all(|length| *length == first).then_some(first),
-            None => Some(levels.len()),
+        let read = |integers: &mut Integers| {
+            let mut levels = Vec::new();
+            while levels.len() < most && integers.read(most - levels.len(), &mut levels).is_some() {
+            }
+            levels
         };
-        Ok(only.filter(|length| (1..=budget::COLUMNS).contains(length)))
+        let (repeats, levels) = (read(repeats), read(definitions));
+        let elements: Vec<(u64, u64)> = repeats.into_iter().zip(levels).collect();
+        let lists = elements.chunk_by(|_, (repeat, _)| *repeat != 0);
+        let is_there = |(_, level): &(u64, u64)| *level >= u64::from(list.level);
+        let lengths: Vec<usize> =
+            lists.filter(|list| list.iter().all(is_there)).map(<[_]>::len).collect();
+        // The last list may continue in the next page.
+        let only = match lengths.split_last() {
+            None => Some(0),
+            Some((last, [])) => Some(*last),
+            Some((_, whole)) => whole.iter().all(|length| *length == whole[0]).then_some(whole[0]),
+        };
+        Ok(only.filter(|length| *length <= budget::COLUMNS))
     }
 
     fn next_page(
@@ -224,8 +248,15 @@ impl ColumnReader {
                 if is_text {
                     dictionary.cells();
                 }
+                let mut text_bytes = TEXTS;
                 PageValues::Plain(bytes, 0)
-                    .read(values as usize, leaf.kind, &self.dictionary, &mut dictionary)
+                    .read(
+                        values as usize,
+                        leaf.kind,
+                        &self.dictionary,
+                        &mut text_bytes,
+                        &mut dictionary,
+                    )
                     .ok_or_else(wrong)?;
                 self.dictionary = dictionary;
                 return Ok(());
@@ -319,7 +350,13 @@ fn values(bytes: Vec<u8>, encoding: Option<i64>, leaf: &Leaf) -> Result<PageValu
             PageValues::Truths(Integers::new(runs, 1).ok_or_else(wrong)?)
         }
         (Some(5), Some(_)) if is_whole => {
-            PageValues::Deltas(Box::new(deltas(bytes).ok_or_else(wrong)?))
+            PageValues::Deltas(Box::new(Deltas::new(bytes).ok_or_else(wrong)?))
+        }
+        // A page without values may be empty.
+        (Some(6 | 7), None) if bytes.is_empty() => PageValues::Plain(bytes, 0),
+        (Some(encoding @ (6 | 7)), None) => {
+            let texts = DeltaTexts::new(bytes, encoding == 7).ok_or_else(wrong)?;
+            PageValues::DeltaTexts(Box::new(texts))
         }
         // Byte stream split: the first bytes of all values, then the second bytes, ….
         (Some(9), Some(size)) => {
@@ -328,26 +365,34 @@ fn values(bytes: Vec<u8>, encoding: Option<i64>, leaf: &Leaf) -> Result<PageValu
             PageValues::Plain((0..count * size).map(in_order).collect(), 0)
         }
         (other, _) => {
-            let name = match other {
-                Some(6) => "DELTA_LENGTH_BYTE_ARRAY".to_owned(),
-                Some(7) => "DELTA_BYTE_ARRAY".to_owned(),
-                other => other.unwrap_or(-1).to_string(),
-            };
-            let what = format!("column `{}` has the encoding {name}", leaf.name);
+            let other = other.unwrap_or(-1);
+            let what = format!("column `{}` has the encoding {other}", leaf.name);
             return Err(KIND.unsupported(what));
         }
     })
 }
 
+fn unread_values(leaf: &Leaf, text_bytes: usize) -> TableError {
+    match text_bytes {
+        0 => KIND.unsupported(format!("column `{}` has very long texts", leaf.name)),
+        _ => KIND.damaged(format!("column `{}`: a page of values", leaf.name)),
+    }
+}
+
 impl PageValues {
-    /// Reads the next `count` values; `None` if there are fewer.
+    /// Reads the next `count` values, whose texts may have `text_bytes` bytes; `None` if there are fewer, or longer ones.
     fn read(
         &mut self,
         count: usize,
         kind: LeafType,
         dictionary: &ColumnPart,
+        text_bytes: &mut usize,
         part: &mut ColumnPart,
     ) -> Option<()> {
+        let mut count_text = |text: &str| {
+            *text_bytes = text_bytes.saturating_sub(text.len());
+            (*text_bytes > 0).then_some(())
+        };
         match self {
             Self::Plain(bytes, at) => {
                 let mut rest = ByteReader::new(bytes.get(*at..)?);
@@ -397,7 +442,11 @@ impl PageValues {
                     (ColumnPart::Cells(known), part) => {
                         let cells = part.cells();
                         for at in indices {
-                            cells.push(known.get(at?)?.clone());
+                            let cell = known.get(at?)?;
+                            if let Cell::Text(text) = cell {
+                                count_text(text)?;
+                            }
+                            cells.push(cell.clone());
                         }
                     }
                 }
@@ -405,6 +454,14 @@ impl PageValues {
             Self::Truths(bits) => {
                 let bits = exactly(bits, count)?.into_iter();
                 bits.for_each(|bit| part.push(Cell::Whole(i64::from(bit != 0))));
+            }
+            Self::DeltaTexts(texts) => {
+                let cells = part.cells();
+                for _ in 0..count {
+                    let text = String::from_utf8_lossy(texts.next()?);
+                    count_text(&text)?;
+                    cells.push(Cell::Text(text.into_owned()));
+                }
             }
             Self::Deltas(values) => {
                 let LeafType::Number(element) = kind else { return None };

@@ -14,6 +14,8 @@ pub(super) struct Leaf {
     /// Definition level of a present value: the number of optional or repeated elements in the path.
     pub(super) levels: u8,
     pub(super) list: Option<ListLeaf>,
+    /// A compression that is not supported.
+    pub(super) packed: Option<&'static str>,
 }
 
 /// A list whose elements become columns of a table.
@@ -27,6 +29,13 @@ pub(super) struct ListLeaf {
 }
 
 impl Leaf {
+    /// Returns the reason why the column cannot be read.
+    pub(super) fn unread(&self) -> Option<String> {
+        let packed = |how| format!("is compressed with {how}, not Snappy, Zstandard or gzip");
+        let of_kind = |what| format!("holds values of type {what}");
+        self.packed.map(packed).or_else(|| self.kind.opaque().map(of_kind))
+    }
+
     pub(super) fn columns(&self) -> Vec<String> {
         match &self.list {
             None => vec![self.name.clone()],
@@ -52,6 +61,10 @@ impl LeafType {
             Self::DayAndTime => Some(12),
             Self::Text | Self::Opaque(_) => None,
         }
+    }
+
+    pub(super) fn is_time(self) -> bool {
+        matches!(self, Self::DayAndTime | Self::Number(Element::Time { .. }))
     }
 
     pub(super) fn opaque(self) -> Option<&'static str> {
@@ -121,7 +134,7 @@ fn add<'a>(
     budget::check_columns(KIND, leaves.len() + 1)?;
     let kind = kind(element, &here.path)?;
     let kind = if here.repeated > 1 { LeafType::Opaque("list of lists") } else { kind };
-    leaves.push(Leaf { name: here.path, kind, levels: here.levels, list: here.list });
+    leaves.push(Leaf { name: here.path, kind, levels: here.levels, list: here.list, packed: None });
     Ok(())
 }
 
