@@ -1,6 +1,7 @@
 //! Checks of a log.
 
 use calibration::Calibration;
+use calibration::memory::MemoryState;
 use calibration::quality::{self, AxisErrors};
 use calibration::validation::excitation::LONGEST_LEVER_M;
 use log_file::{Column, Log, LogError, Meaning, ReadOptions, Wanted};
@@ -71,6 +72,7 @@ struct LogObservations<'a> {
     labelled: LabelledRows,
     identical: Option<Vec<(usize, usize)>>,
     rows_outside: u64,
+    memory: Option<MemoryState>,
     errors: PerAxis<AxisErrors>,
     kept: Block,
     /// Untared wrench in steps of [`STEP`] rows.
@@ -85,6 +87,7 @@ impl<'a> LogObservations<'a> {
     ) -> Result<Self, LogError> {
         let names = log.value_names().into_iter().take(log.channels()).map(str::to_owned);
         let mut found = Self { calibration, names: names.collect(), ..Self::default() };
+        found.memory = calibration.and_then(|file| file.calibration.start_memory());
         let is_missing =
             |column: &Column| column.name == "missing" && column.meaning == Meaning::Other;
         let wanted = Wanted {
@@ -126,7 +129,14 @@ impl<'a> LogObservations<'a> {
         }
         self.rows_outside += calibration.rows_out_of_range(&block.readings);
         let mut wrench = PerAxis::default();
-        calibration.wrench(&block.readings, &mut wrench);
+        // A log without the time that the terms need is converted without them, as everywhere.
+        let terms = self.memory.as_mut().map(|memory| memory.terms(&block.time_s, &block.readings));
+        match terms.and_then(Result::ok) {
+            None => calibration.wrench(&block.readings, &mut wrench),
+            Some(terms) => {
+                calibration.wrench(&[&block.readings[..], &terms].concat(), &mut wrench);
+            }
+        }
         if !block.wrench.is_empty() {
             quality::merge(&mut self.errors, &quality::errors(&wrench, &block.wrench));
             let rows = block.rows.min(SWAP_ROWS - self.kept.rows);

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use log_file::{Log, LogError, Mapping, ReadOptions, Wanted, parse_column};
+use log_file::{Log, LogError, Mapping, ReadOptions, Wanted, parse_column, parse_columns};
 use shell_data::{Axis, Block};
 
 fn open_with(text: &str, mapping: &Mapping) -> Result<Log, LogError> {
@@ -291,7 +291,7 @@ fn rows_without_names_are_read_below_text_by_the_numbers_of_columns() {
     let rows_of = |count: usize| -> String {
         (0..count).map(|at| format!("{at}.5,{},{}\n", 100 + at, 200 - at)).collect()
     };
-    let columns = |text: &str| log_file::parse_columns(text).ok();
+    let columns = |text: &str| parse_columns(text).ok();
     let by_number =
         Mapping { time: parse_column("1").ok(), sensors: columns("2-3"), ..Mapping::default() };
     for head in ["rig 7\nby hand, at noon\n", "a,b,c,d\n", "session 3\n\n", "# rig 7\n"] {
@@ -455,5 +455,55 @@ fn a_date_with_two_readings_is_asked_for_where_times_are_wanted() {
         let units = vec![("time".to_owned(), order.to_owned())];
         let log = open_with(text, &Mapping { units, ..Mapping::default() }).unwrap();
         assert_eq!(rows(&log).time_s, [first, first + 1.0, first + 2.0], "{order}");
+    }
+}
+
+#[test]
+fn keys_behind_comment_marks_count_above_bare_names_as_well() {
+    for mark in ["# ", "// ", ""] {
+        let text = format!(
+            "{mark}Force Units: mN\n{mark}Torque Units: mNm\ntime,s1,Fx,Fy,Fz,Mx,My,Mz\n\
+             0.01,5,1000,2000,3000,40,50,60\n0.02,6,1000,2000,3000,40,50,60\n"
+        );
+        let rows = rows(&open(&text));
+        assert_eq!((axis(&rows, Axis::Fx)[0], axis(&rows, Axis::Mz)[1]), (1.0, 0.06), "{mark}");
+    }
+}
+
+#[test]
+fn ones_in_a_row_of_units_are_quantities_without_a_unit() {
+    let text = "time,s1,s2,Fx,Fy,Fz,Mx,My,Mz\ns,1,1,mN,mN,mN,mN.m,mN.m,mN.m\n\
+                0.01,5,7,1000,2000,3000,40,50,60\n0.02,6,8,1000,2000,3000,40,50,60\n";
+    let rows = rows(&open(text));
+    assert_eq!((rows.rows, axis(&rows, Axis::Fy)[0], axis(&rows, Axis::My)[0]), (2, 2.0, 0.05));
+    // A row of ones is a row.
+    let text = "s1,s2,Fx,Fy,Fz,Mx,My,Mz\n1,1,1,1,1,1,1,1\n2,2,2,2,2,2,2,2\n";
+    assert_eq!(self::rows(&open(text)).rows, 2);
+}
+
+#[test]
+fn numbers_of_columns_in_place_of_names_are_no_row() {
+    let row = |of: usize| {
+        (0..15).map(|at| (100 * of + 7 * at).to_string()).collect::<Vec<_>>().join(",") + "\n"
+    };
+    let data: String = (1..9).map(row).collect();
+    for start in [0, 1] {
+        let names = (start..start + 15).map(|at| at.to_string()).collect::<Vec<_>>().join(",");
+        for (columns, mapping) in [
+            (8, Mapping::default()),
+            (
+                3,
+                Mapping {
+                    sensors: Some(parse_columns("2-4").unwrap()),
+                    wrench: Some(parse_columns("10-15").unwrap()),
+                    ..Mapping::default()
+                },
+            ),
+        ] {
+            let log = open_with(&format!("{names}\n{data}"), &mapping).unwrap();
+            let rows = rows(&log);
+            assert_eq!((rows.rows, rows.readings.len()), (8, columns), "from {start}");
+            assert_eq!(axis(&rows, Axis::Fx)[0], 163.0);
+        }
     }
 }

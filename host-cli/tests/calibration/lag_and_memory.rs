@@ -301,3 +301,33 @@ fn another_labs_sensor_is_fitted_better_than_by_its_network() {
         assert!(*rms <= limit, "{found}");
     }
 }
+
+/// Memory terms fitted to 20 poses erred on the others by 20 to 40 times the error that was promised.
+#[test]
+fn few_poses_get_no_memory_terms_and_doctor_knows_those_of_many() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let shipped =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../calibration-data/synthetic-train.csv");
+    let text = fs::read_to_string(shipped).unwrap();
+    let lines: Vec<&str> = text.lines().collect();
+    let write = |name: &str, rows: &[&str], columns: usize| {
+        let log = std::iter::once(&lines[0])
+            .chain(rows)
+            .map(|line| line.split(',').take(columns).collect::<Vec<_>>().join(","));
+        fs::write(dir.join(name), log.collect::<Vec<_>>().join("\n")).unwrap();
+    };
+    for columns in [15, 16] {
+        write("few.csv", &lines[1..401], columns);
+        write("rest.csv", &lines[401..], columns);
+        write("all.csv", &lines[1..], columns);
+        let found = program::json(dir, "fit few.csv --test rest.csv -o few.json --json");
+        assert_eq!(found["dynamics"]["time_constants"].as_array().map_or(0, Vec::len), 0);
+        // Linear calibrations by these poses err by 0.18 N on the others.
+        let errors = &found["test"];
+        assert!(errors[0]["rms"].as_f64().unwrap() < 0.4, "{errors}");
+        program::run(dir, "fit all.csv -o all.json", 0);
+        let (_, said) = program::ended(dir, "doctor all.csv --calibration all.json", 0);
+        assert!(!said.contains("times that of the training data"), "{said}");
+    }
+}

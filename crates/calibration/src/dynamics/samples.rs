@@ -51,7 +51,7 @@ struct LogPart<'a> {
 pub(super) struct SearchRows<'a> {
     logs: Vec<LogPart<'a>>,
     pub(super) clock: RowClock,
-    channels: usize,
+    pub(super) channels: usize,
     pub(super) folds: Vec<Range<usize>>,
     /// Features of the used rows; the last is constant if there is an intercept.
     pub(super) features: Mat<f64>,

@@ -33,6 +33,11 @@ const LEAST_GAIN: f64 = 0.02;
 /// fully looks like a lag.
 const LEAST_GAIN_IN_GROUPS: f64 = 0.2;
 
+/// Least rows for each feature of a cubic without products, before time constants are searched for. With 20 poses of
+/// 20 rows, memory terms tell poses apart: held-out errors are then up to 38 times smaller than those on other
+/// poses; with 50 poses they are within a factor of two.
+const ROWS_PER_FEATURE: usize = 40;
+
 /// Errors relative to the loads are rounding below this.
 const NOTHING_LEFT: f64 = 1e-12;
 
@@ -195,6 +200,9 @@ impl DynamicsSearch<'_> {
 
     /// Adds time constants as long as they pay; also returns the lag that they have moved.
     fn time_constants(&self, mut set: TermSet, mut lag: f64) -> Option<(TermSet, f64)> {
+        if self.samples().rows() < ROWS_PER_FEATURE * (3 * self.samples().channels + 1) {
+            return Some((set, lag));
+        }
         let (least, most) = self.bounds();
         let grid = std::iter::successors(Some(least), |tau| Some(tau * GRID));
         let grid: Vec<f64> = grid.take_while(|tau| *tau <= most).collect();

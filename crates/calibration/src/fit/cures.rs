@@ -20,21 +20,27 @@ const MOST_LEFT: f64 = 0.3;
 const AS_GOOD: f64 = 1.15;
 
 /// Factors from a recorded force to N, and from a recorded moment to N·m, with their descriptions.
-const FORCE_SCALES: [(f64, &str); 6] = [
+const FORCE_SCALES: [(f64, &str); 8] = [
     (1e-3, "dividing forces by 1000 (mN)"),
     (1e3, "multiplying forces by 1000 (kN)"),
     (4.448_221_615_260_5, "converting forces from lbf"),
     (1.0 / 4.448_221_615_260_5, "converting forces to lbf"),
     (9.806_65, "converting forces from kgf"),
+    (1.0 / 9.806_65, "converting forces to kgf"),
     (9.806_65e-3, "converting forces from gf"),
+    (1.0 / 9.806_65e-3, "converting forces to gf"),
 ];
-const MOMENT_SCALES: [(f64, &str); 6] = [
+const MOMENT_SCALES: [(f64, &str); 10] = [
     (1e-3, "dividing moments by 1000 (N·mm)"),
     (1e3, "multiplying moments by 1000"),
     (1e-2, "dividing moments by 100 (N·cm)"),
+    (1e2, "multiplying moments by 100"),
     (0.112_984_829_027_616_7, "converting moments from lbf·in"),
+    (1.0 / 0.112_984_829_027_616_7, "converting moments to lbf·in"),
     (1.355_817_948_331_400_4, "converting moments from lbf·ft"),
+    (1.0 / 1.355_817_948_331_400_4, "converting moments to lbf·ft"),
     (9.806_65, "converting moments from kgf·m"),
+    (1.0 / 9.806_65, "converting moments to kgf·m"),
 ];
 
 /// Longest delay that is tried, in rows.
@@ -242,16 +248,16 @@ fn cures(before: f64, after: f64) -> bool {
 /// A single change (exchanged axes and signs, a unit, or a zero) takes precedence over two.
 fn simplest(block: usize, now: f64, score: impl Fn(&BlockChange) -> f64) -> Option<BlockChange> {
     let none = (1.0, "");
-    let scales = if block == 0 { FORCE_SCALES } else { MOMENT_SCALES };
+    let scales = if block == 0 { &FORCE_SCALES[..] } else { &MOMENT_SCALES[..] };
     let identity = signed_permutations(block).next()?;
     let turned =
         |scale, zero| signed_permutations(block).map(move |axes| BlockChange { axes, scale, zero });
-    let unit = |axes, zero| scales.map(|scale| BlockChange { axes, scale, zero });
+    let unit = |axes, zero| scales.iter().map(move |&scale| BlockChange { axes, scale, zero });
     let mut single: Vec<BlockChange> = turned(none, false).skip(1).collect();
     single.extend(unit(identity, false));
     single.push(BlockChange { axes: identity, scale: none, zero: true });
     let mut double: Vec<BlockChange> = turned(none, true).skip(1).collect();
-    double.extend(scales.into_iter().flat_map(|scale| turned(scale, false)));
+    double.extend(scales.iter().flat_map(|&scale| turned(scale, false)));
     double.extend(unit(identity, true));
     // Two changes improve any reference somewhat, so they must bring the errors within the limits.
     for (changes, most) in [(single, f64::INFINITY), (double, 1.0)] {

@@ -20,6 +20,9 @@ pub(super) struct ClockFields(Vec<Vec<u8>>);
 
 pub(super) const CLOCK_ROWS: usize = 64;
 
+/// Rows of a log since 1970 are closer than this. A counter of µs at 10 kHz steps by 100.
+const LONGEST_STEP_S: f64 = 100.0;
+
 impl ClockFields {
     /// Takes the column at a position from rows. The last row may be cut off.
     pub(super) fn new(rows: &[u8], separator: u8, at: usize) -> Self {
@@ -62,8 +65,12 @@ impl ClockFields {
         if let Some(step) = self.step_in_days() {
             return Err(step);
         }
-        match self.first().and_then(epoch_unit) {
-            None => self.median_step().map(unit_by_step).transpose(),
+        let step = self.median_step();
+        // A counter since its start may have as many digits, but its rows would be minutes apart.
+        let is_dense =
+            |unit: &TimeUnit| step.is_none_or(|step| step / unit.per_second() < LONGEST_STEP_S);
+        match self.first().and_then(epoch_unit).filter(is_dense) {
+            None => step.map(unit_by_step).transpose(),
             epoch => Ok(epoch),
         }
     }
@@ -123,6 +130,21 @@ fn unit_by_step(step: f64) -> Result<TimeUnit, f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_counter_with_the_digits_of_a_clock_since_1970_is_told_by_its_steps() {
+        for (start, step, expected) in [
+            (2_000_000_000_u64, 1000, Err(1000.0)),
+            (2_000_000_000, 5000, Ok(Some(TimeUnit::Microsecond))),
+            (5_000_000_000_000, 10_000_000, Ok(Some(TimeUnit::Nanosecond))),
+            (1_762_506_123, 60, Ok(Some(TimeUnit::Second))),
+            (1_762_506_123_000, 10, Ok(Some(TimeUnit::Millisecond))),
+        ] {
+            let rows: String = (0..20).map(|row| format!("{}\n", start + row * step)).collect();
+            let found = ClockFields::new(rows.as_bytes(), b',', 0).unit();
+            assert_eq!(found, expected, "{start} {step}");
+        }
+    }
 
     #[test]
     fn clocks_from_1970_tell_their_unit_and_others_do_not() {

@@ -299,11 +299,7 @@ fn of_fields(
         rows_start: lines[first].start,
         rows_line: number(first),
         columns: names.map_or(columns, |(_, names)| names.len()),
-        keys: Keys::new(
-            lines[..keys_end]
-                .iter()
-                .map(|line| (line.number, uncommented(line.text).unwrap_or(line.text))),
-        ),
+        keys: Keys::new(lines[..keys_end].iter().map(|line| (line.number, bare(line.text)))),
     })
 }
 
@@ -404,6 +400,17 @@ fn uncommented(text: &[u8]) -> Option<&[u8]> {
         Some(rest.trim_ascii_start())
     })?;
     Some(rest.strip_prefix(b" ").unwrap_or(rest))
+}
+
+/// Returns true for units, with `1` for quantities that have none.
+pub(super) fn are_units_or_ones(names: &[String]) -> bool {
+    let is_one = |name: &&String| ["1", "nan"].contains(&name.trim().to_lowercase().as_str());
+    let units: Vec<String> = names.iter().filter(|name| !is_one(name)).cloned().collect();
+    !units.iter().all(String::is_empty) && are_units(&units)
+}
+
+pub(super) fn bare(text: &[u8]) -> &[u8] {
+    uncommented(text).unwrap_or(text)
 }
 
 /// Returns the ways to split a line of names: as the rows are, and if these have blanks between columns, at other

@@ -15,13 +15,12 @@ pub(crate) struct Keys {
     pub(crate) is_vicon: bool,
 }
 
-/// Endings of keys for the number of rows per second.
-const RATES: [&str; 9] = [
+/// Endings of keys for the number of rows per second. Other frequencies are those of filters and of emitters.
+const RATES: [&str; 8] = [
     "samplerate",
     "samplingrate",
     "samplefrequency",
     "samplingfrequency",
-    "frequency",
     "acquisitionrate",
     "datarate",
     "scanrate",
@@ -71,10 +70,10 @@ impl Keys {
         let (figure, behind) = value.split_at(length.unwrap_or(value.len()));
         let unit = if unit.is_empty() { behind } else { unit };
         let unit = unit.trim_matches([' ', ')', ']']);
-        let figure = figure.replace(',', ".").parse::<f64>().ok();
+        let figure = figure_of(figure);
         // `FS: 100 100 200` are ranges.
         let is_alone = !behind.contains(|c: char| c.is_ascii_digit());
-        let is_short = ["rate", "fs"].contains(&key) && is_alone;
+        let is_short = key == "frequency" || ["rate", "fs"].contains(&key) && is_alone;
         if RATES.iter().any(|rate| key.ends_with(rate)) || is_short {
             let thousand = if unit.eq_ignore_ascii_case("khz") { 1e3 } else { 1.0 };
             figure.into_iter().for_each(|rate| self.set_rate(rate * thousand, number));
@@ -99,6 +98,17 @@ impl Keys {
     }
 }
 
+/// Returns a number whose comma is the decimal mark, or separates thousands, as in `1,000,000` and `1,000`: a rate or
+/// a count with exactly three decimals is less likely.
+fn figure_of(text: &str) -> Option<f64> {
+    let mut groups = text.split('.').next().unwrap_or(text).split(',');
+    let is_start = |start: &str| (1..=3).contains(&start.len()) && start != "0";
+    let has_thousands = groups.next().is_some_and(is_start)
+        && text.contains(',')
+        && groups.all(|group| group.len() == 3);
+    text.replace(',', if has_thousands { "" } else { "." }).parse().ok()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -119,6 +129,9 @@ mod tests {
             ("Delta_X\t0,01\t0,01", 100.0),
             ("Sample interval: 2 ms", 500.0),
             ("Devices\n1000", 1000.0),
+            ("Filter cutoff frequency: 15 Hz\nSample Rate: 200 Hz", 200.0),
+            ("Sample Rate: 1,000 Hz", 1000.0),
+            ("Sample interval (s): 0,005", 200.0),
         ] {
             let found = keys(text).rate_hz.map(|(rate, _)| rate);
             assert!(found.is_some_and(|found| (found - rate_hz).abs() < 1e-9), "{text}: {found:?}");
@@ -130,6 +143,7 @@ mod tests {
             "1000",
             "Rate: 0",
             "FS: 100 100 200",
+            "PWM frequency: 20000 Hz",
         ] {
             assert_eq!(keys(text).rate_hz, None, "{text}");
         }

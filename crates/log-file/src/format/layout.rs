@@ -19,6 +19,7 @@ use crate::parse::number::{parse_field, with_points};
 use crate::stream::clock_turns::{ClockTurns, TURN};
 use crate::stream::source::LogSource;
 use shell_data::unit::{Quantity, Scale, Unit};
+use shell_data::wrench::Axis;
 use table_file::{FileKind, Table};
 
 /// Number of bytes examined at the start of a file; a header must fit.
@@ -431,7 +432,14 @@ fn separated_header(
     let Some(found) = found else {
         return Err(source.error_at(first.number, PlacedProblem::NoTable));
     };
-    let Head { separator, form, names, units, rows_start, rows_line, columns, keys } = found;
+    let Head { separator, form, names, units, mut rows_start, mut rows_line, columns, keys } =
+        found;
+    let numbers = lines(&head[rows_start..], 0, 1).next().filter(|_| names.is_none());
+    let numbers = numbers.filter(|line| counts_columns(&fields(line.text, separator)));
+    if let Some(line) = &numbers {
+        rows_start += line.next;
+        rows_line += 1;
+    }
     let rows = form.separated(&head[rows_start..], separator);
     let has_decimal_commas = separator != b',' && has_decimal_commas(&rows, separator);
     let (mut form, mut names) = (form, names);
@@ -453,7 +461,10 @@ fn separated_header(
     };
     let is_of_layout = |(format, layout): &&(LogFormat, &[&str])| match mapping.format {
         Some(wanted) => *format == wanted,
-        None => names.is_none() && layout.len() == columns && rows_line == first.number,
+        None => {
+            let is_first = rows_line == first.number + u64::from(numbers.is_some());
+            names.is_none() && layout.len() == columns && is_first
+        }
     };
     if let Some(&(format, layout)) = NAMELESS.iter().find(is_of_layout) {
         if layout.len() != columns {
@@ -502,10 +513,12 @@ fn usual_head(
         return None;
     }
     let mut found = named_head(first, separator, &names, &second);
+    let above = lines(&head[..first.start], 0, 1);
+    found.keys = Keys::new(above.map(|line| (line.number, head::bare(line.text))));
     let has_numbers =
         |line: &LayoutLine<'_>| fields(line).iter().any(|field| head::is_numeric(field, separator));
-    // A line of units consists of texts and precedes a line of numbers.
-    if !has_numbers(&second)
+    // A line of units precedes a line of numbers; a quantity without a unit may have `1` in it.
+    if (!has_numbers(&second) || head::are_units_or_ones(&texts(&fields(&second))))
         && let Some(third) = below.next()
         && has_numbers(&third)
     {
@@ -534,6 +547,15 @@ fn names_alone(
     let second = second.unwrap_or(next);
     let is_text = is_text && !head::is_of_other_form(first.text);
     (is_text && is_known).then(|| named_head(first, separator, &names, &second))
+}
+
+/// Returns true for the numbers of the columns in place of their names, as of a data frame made from an array.
+fn counts_columns(fields: &[Vec<u8>]) -> bool {
+    let counts_from = |start: usize| {
+        let mut numbered = fields.iter().enumerate();
+        numbered.all(|(at, field)| field.trim_ascii() == (at + start).to_string().as_bytes())
+    };
+    fields.len() > Axis::ALL.len() && (counts_from(0) || counts_from(1))
 }
 
 fn named_head(

@@ -243,8 +243,9 @@ fn loads_of_another_sensor_contradict_a_calibration_and_inconsistent_inputs_are_
     // Another sensor, whose channels are connected in another order.
     let other = csv(&State::new(7).record(&loads(12, &mut random), 1));
     write("other.csv", &other.replace("s1,s2,s3,s4,s5,s6,s7,s8", "s7,s2,s5,s4,s3,s6,s1,s8"));
-    let (_, told) = ended(&dir, "fit other.csv --from cal.json", 1);
+    let (_, told) = ended(&dir, "fit other.csv --from cal.json -o new.json", 1);
     assert!(told.contains("the loads contradict `cal.json`"), "{told}");
+    assert!(!dir.path().join("new.json").exists());
     let without = |columns: usize| {
         let keep = |line: &str| line.rsplitn(columns + 1, ',').last().unwrap().to_owned();
         log.lines().map(keep).collect::<Vec<_>>().join("\n") + "\n"

@@ -39,10 +39,12 @@ impl FitArgs {
         let read = ReadOptions { checksum: self.keeps(), ..self.mapping.read_options() };
         let recalibrated = recalibrate(&before, &logs, table.as_ref(), &read)?;
         let mut outcome = printer.judge(&recalibrated.gate);
-        if recalibrated.found.is_contradicted() {
+        let is_contradicted = recalibrated.found.is_contradicted();
+        if is_contradicted {
             outcome = printer.decide(false);
         }
-        if let Some(output) = output {
+        // The calibration from before errs less than one that was bent to contradictory loads.
+        if let Some(output) = output.filter(|_| !is_contradicted) {
             let was = SourceFile {
                 role: Role::Calibration,
                 path: path.to_path_buf(),
@@ -95,7 +97,7 @@ fn report(printer: &Printer, path: &Path, of: &Recalibrated) -> anyhow::Result<(
     print_errors(printer, found, axes);
     if found.is_contradicted() {
         printer.warning(format!(
-            "the loads contradict `{name}` by {} stated errors: look for a wrong load, or calibrate anew",
+            "the loads contradict `{name}` by {} stated errors, so nothing is written: look for a wrong load, or calibrate anew",
             significant(found.disagreement[1], 2),
         ));
     }
