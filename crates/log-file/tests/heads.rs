@@ -495,7 +495,9 @@ fn numbers_of_columns_in_place_of_names_are_no_row() {
                 3,
                 Mapping {
                     sensors: Some(parse_columns("2-4").unwrap()),
-                    wrench: Some(parse_columns("10-15").unwrap()),
+                    wrench: Some(std::array::from_fn(|axis| {
+                        parse_column(&(10 + axis).to_string()).ok()
+                    })),
                     ..Mapping::default()
                 },
             ),

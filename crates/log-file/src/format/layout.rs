@@ -7,7 +7,7 @@ use super::clock::{CLOCK_ROWS, ClockFields, DateColumn, is_since_1970};
 use super::columns::{Column, ColumnRoles, by_shape, positions, recognise};
 use super::head::{self, Head, line_separator, numbered};
 use super::keys::Keys;
-use super::lines::{LayoutLine, fields, lines, texts};
+use super::lines::{LayoutLine, all_lines, fields, lines, texts};
 use super::mapping::{LogFormat, Mapping, TimeUnit};
 use super::meaning::{Meaning, StatedUnit};
 use crate::error::{FieldProblem, LogError, PlacedProblem};
@@ -513,7 +513,7 @@ fn usual_head(
         return None;
     }
     let mut found = named_head(first, separator, &names, &second);
-    let above = lines(&head[..first.start], 0, 1);
+    let above = all_lines(&head[..first.start], 0, 1);
     found.keys = Keys::new(above.map(|line| (line.number, head::bare(line.text))));
     let has_numbers =
         |line: &LayoutLine<'_>| fields(line).iter().any(|field| head::is_numeric(field, separator));
