@@ -111,8 +111,12 @@ impl DataSets {
     fn values(&self, set: &Dataset) -> Result<(Option<String>, ArrayValues), TableError> {
         let attributes = set.attrs().map_err(unreadable)?;
         let text = |name: &str| attributes.get(name).and_then(AttrValue::as_str);
+        let in_any_case = |name: &str| {
+            let mut others = attributes.iter().filter(|(key, _)| key.eq_ignore_ascii_case(name));
+            text(name).or_else(|| others.find_map(|(_, value)| value.as_str()))
+        };
         // Cuts the origin off units such as "milliseconds since 2026-03-01 12:00:00".
-        let unit = text("units").or_else(|| text("unit"));
+        let unit = in_any_case("units").or_else(|| in_any_case("unit"));
         let unit = unit.and_then(|unit| unit.split(" since ").next()).map(str::trim);
         let unit = unit.filter(|unit| !unit.is_empty()).map(str::to_owned);
         // MATLAB texts are numbers as well, and an empty matrix stores its dimensions as numbers.
@@ -126,6 +130,10 @@ impl DataSets {
         let is_misread = filters.contains(&SCALE_OFFSET) && (is_big || filters.contains(&SHUFFLE));
         let refused = refused.or(is_misread
             .then_some("compressed with scale-offset after a shuffle or in big-endian byte order"));
+        // Attributes of netCDF's conventions (CF 1.11, section 8.1).
+        let is_packed =
+            ["scale_factor", "add_offset"].iter().any(|it| attributes.contains_key(*it));
+        let refused = refused.or(is_packed.then_some("packed with `scale_factor` or `add_offset`"));
         let values = match &kind {
             _ if refused.is_some() => ArrayValues::Other(refused.unwrap_or_default()),
             _ if self.is_matlab && !is_number => ArrayValues::Other("no numbers"),

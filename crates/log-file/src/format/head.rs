@@ -283,12 +283,16 @@ fn of_fields(
         (None, all) => all.iter().rev().max_by_key(|(_, names)| roles(names)),
     };
     let number = |at: usize| lines[at].number;
-    let units = candidates.first().filter(|(at, _)| names.is_some_and(|(names, _)| at > names));
+    let units = names.and_then(|(names, _)| {
+        let is_above = |(at, texts): &&(usize, Vec<String>)| at + 1 == *names && are_units(texts);
+        let below = candidates.first().filter(|(at, _)| at > names);
+        below.or_else(|| candidates.iter().find(is_above))
+    });
     let keys_end = names.map_or(first, |(at, _)| *at);
     let body = if separator == BLANK { RowBody::Blanks } else { RowBody::Separated };
     let form = RowForm { body, ..RowForm::default() };
     // Lines between the names and the first good row are rows as well, although bad ones.
-    let last_named = units.or(names).map(|(at, _)| *at);
+    let last_named = units.into_iter().chain(names).map(|(at, _)| *at).max();
     let is_text = |at: &usize| uncommented(texts[*at]).is_none();
     let first = last_named.and_then(|at| (at + 1..=first).find(is_text)).unwrap_or(first);
     Some(Head {
@@ -402,11 +406,11 @@ fn uncommented(text: &[u8]) -> Option<&[u8]> {
     Some(rest.strip_prefix(b" ").unwrap_or(rest))
 }
 
-/// Returns true for units, with `1` for quantities that have none.
+/// Returns true for units, with `1` for quantities that have none. A label beside ones, as in `a,1`, is no unit.
 pub(super) fn are_units_or_ones(names: &[String]) -> bool {
     let is_one = |name: &&String| ["1", "nan"].contains(&name.trim().to_lowercase().as_str());
     let units: Vec<String> = names.iter().filter(|name| !is_one(name)).cloned().collect();
-    !units.iter().all(String::is_empty) && are_units(&units)
+    units.iter().filter(|unit| !unit.is_empty()).count() > 2 && are_units(&units)
 }
 
 pub(super) fn bare(text: &[u8]) -> &[u8] {
