@@ -97,7 +97,7 @@ fn report(printer: &Printer, path: &Path, of: &Recalibrated) -> anyhow::Result<(
     print_errors(printer, found, axes);
     if found.is_contradicted() {
         printer.warning(format!(
-            "the loads contradict `{name}` by {} stated errors, so nothing is written: look for a wrong load, or calibrate anew",
+            "the loads contradict `{name}` by {} stated errors; not written: find the wrong load, or fit anew",
             significant(found.disagreement[1], 2),
         ));
     }
