@@ -129,7 +129,7 @@ impl<'a> LogObservations<'a> {
         }
         self.rows_outside += calibration.rows_out_of_range(&block.readings);
         let mut wrench = PerAxis::default();
-        // A log without the time that the terms need is converted without them, as everywhere.
+        // Without the time that the terms need, the sensor is assumed to have been still.
         let terms = self.memory.as_mut().map(|memory| memory.terms(&block.time_s, &block.readings));
         match terms.and_then(Result::ok) {
             None => calibration.wrench(&block.readings, &mut wrench),

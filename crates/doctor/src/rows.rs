@@ -146,11 +146,10 @@ fn others_move(looked: &Looked<'_>, stopped: usize, rows: Range<usize>) -> bool 
 
 fn rows_twice(looked: &Looked<'_>) -> Option<Finding> {
     let hashes = row_hashes(looked);
-    // Of the rows before each: how many differ from their previous row, and a hash of all. A window has the
-    // difference of two of them, without a look at its rows.
+    // Running totals over the rows: the number that differ from their previous row, and a hash of all. A window
+    // has the difference of two totals.
     let (mut distinct, mut hashed) = (vec![0], vec![0_u64]);
-    let mut power = 1_u64;
-    (0..WINDOW).for_each(|_| power = power.wrapping_mul(MULTIPLIER));
+    let power = MULTIPLIER.wrapping_pow(WINDOW as u32);
     for (row, hash) in hashes.iter().enumerate() {
         let is_new = row > 0 && *hash != hashes[row - 1];
         distinct.push(distinct[row] + usize::from(is_new));
@@ -184,7 +183,7 @@ fn rows_twice(looked: &Looked<'_>) -> Option<Finding> {
     Some(Finding::fault("rows-twice", seen, advice))
 }
 
-/// Returns a hash per row, a multiply-rotate one over its columns: nobody gains by rows of equal hashes.
+/// Hashes each row, column by column. Equal hashes of different rows are improbable, though easily made on purpose.
 fn row_hashes(looked: &Looked<'_>) -> Vec<u64> {
     let mut all = Vec::new();
     for (_, block) in looked {

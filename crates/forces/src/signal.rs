@@ -87,7 +87,7 @@ impl SignalFilter {
     }
 
     /// Takes the next values, at ascending slots, and appends the known outputs to `outputs`, one
-    /// per value, in order. A causal filter outputs them all. Of values in one slot, the last one
+    /// per value, in order. A causal filter outputs them all. If values share a slot, the last one
     /// counts for later outputs.
     ///
     /// # Errors

@@ -138,7 +138,7 @@ fn line(
     (distance <= SAME_LINE * y.norm_l2()).then_some((slope, y_mean - slope * x_mean))
 }
 
-/// Basis of the same space in which each direction has a feature of its own: Gauss–Jordan
+/// Basis of the same space in which each direction has a separate feature: Gauss–Jordan
 /// elimination on columns, with the largest remaining element as the pivot.
 fn echelon(mut v: Mat<f64>) -> Mat<f64> {
     for k in 0..v.ncols() {

@@ -82,7 +82,7 @@ pub enum PlacedProblem {
     NoTable,
     #[error("{format} has {expected} columns, found {found}")]
     LayoutMismatch { format: crate::format::mapping::LogFormat, expected: usize, found: usize },
-    /// Required columns are missing; `found` are those that exist.
+    /// Required columns are missing; `found`: the existing ones.
     #[error(
         "no column{} {}; found {}",
         if missing.len() == 1 { "" } else { "s" },

@@ -84,8 +84,13 @@ impl Array {
     }
 
     fn leaf(&self) -> &str {
-        self.name.rsplit('/').next().unwrap_or_default()
+        leaf(&self.name)
     }
+}
+
+/// Returns an array's name without its groups.
+fn leaf(name: &str) -> &str {
+    name.rsplit('/').next().unwrap_or_default()
 }
 
 impl ArrayValues {
@@ -152,10 +157,13 @@ pub(crate) fn columns_of_log(
     all: Vec<Array>,
     name: Option<&str>,
 ) -> Result<LogColumns, TableError> {
-    let (mut notes, mut fitting) = (Vec::new(), Vec::new());
+    let (mut notes, mut fitting, mut left_out) = (Vec::new(), Vec::new(), Vec::new());
     for array in all {
         match array.refusal() {
-            Some(why) => notes.push(format!("`{}` is left out: {why}", array.name)),
+            Some(why) => {
+                notes.push(format!("`{}` is left out: {why}", array.name));
+                left_out.push((array.name, why.to_owned()));
+            }
             None => fitting.push(array),
         }
     }
@@ -183,7 +191,9 @@ pub(crate) fn columns_of_log(
         let (height, name) = (array.sides().0, &array.name);
         let is_kept = may_differ(height);
         if !is_kept {
-            notes.push(format!("`{name}` is left out: {height} rows, not {usual}"));
+            let why = format!("{height} rows, not {usual}");
+            notes.push(format!("`{name}` is left out: {why}"));
+            left_out.push((name.clone(), why));
         } else if height != usual {
             notes.push(format!(
                 "`{name}` has {height} rows, not {usual}: the row at the end is left out"
@@ -194,7 +204,7 @@ pub(crate) fn columns_of_log(
     });
     let count = wanted.iter().fold(0, |count: usize, array| count.saturating_add(array.sides().1));
     budget::check_columns(kind, count)?;
-    Ok((names(&wanted), ArrayRows { arrays: wanted, rows }, notes))
+    Ok((names(&wanted), ArrayRows { arrays: wanted, rows, left_out }, notes))
 }
 
 /// Returns the names of a table's columns; `None` for a single matrix, whose columns have no names.
@@ -222,6 +232,8 @@ fn names(all: &[Array]) -> Option<Vec<TableColumn>> {
 pub(crate) struct ArrayRows {
     pub(crate) arrays: Vec<Array>,
     pub(crate) rows: usize,
+    /// Names of arrays that are not among the columns, with the reasons.
+    left_out: Vec<(String, String)>,
 }
 
 impl ArrayRows {
@@ -239,6 +251,12 @@ impl ArrayRows {
 }
 
 impl RowSource for ArrayRows {
+    fn reason_of_absence(&self, name: &str) -> Option<&str> {
+        let mut left_out = self.left_out.iter();
+        let (_, why) = left_out.find(|(array, _)| array == name || leaf(array) == name)?;
+        Some(why)
+    }
+
     fn columns(&self) -> usize {
         self.arrays.iter().map(|array| array.sides().1).sum()
     }

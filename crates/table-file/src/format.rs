@@ -257,6 +257,11 @@ pub(crate) trait RowSource: fmt::Debug + Send + Sync {
         false
     }
 
+    /// Returns the reason why an array of this name, with or without its groups, is not among the columns.
+    fn reason_of_absence(&self, _name: &str) -> Option<&str> {
+        None
+    }
+
     /// Returns the number of columns; 0 if it differs between rows.
     fn columns(&self) -> usize;
 

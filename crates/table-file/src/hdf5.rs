@@ -224,6 +224,10 @@ fn element(kind: &Datatype) -> Option<(Element, bool)> {
 }
 
 impl RowSource for Hdf5Table {
+    fn reason_of_absence(&self, name: &str) -> Option<&str> {
+        self.sets.reason_of_absence(name)
+    }
+
     fn columns(&self) -> usize {
         self.sets.columns()
     }

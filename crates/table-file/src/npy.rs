@@ -413,7 +413,7 @@ mod tests {
         assert_eq!((&offsets[..], npy.row_bytes), (&[0, 8, 10, 18, 20, 30][..], 38));
         let is_unread = |at: usize| npy.unread(at).is_some();
         assert!((0..6).all(|at| is_unread(at) == [2, 4].contains(&at)) && npy.is_time(5));
-        // As many fields of nothing as the limits allow, in each of the others.
+        // The deepest and longest arrays of empty records within the limits end at once.
         let nothing = (0..DEPTH)
             .fold("('a', [], (4096,))".to_owned(), |inner, _| format!("('a', [{inner}], (4096,))"));
         assert!(layout(&nothing).is_err() || layout(&nothing).unwrap().1.columns.is_empty());

@@ -73,10 +73,7 @@ impl Table {
 
     /// Returns the reason why an array of this name, with or without its groups, is not among the columns.
     pub fn reason_of_absence(&self, name: &str) -> Option<&str> {
-        self.notes.iter().find_map(|note| {
-            let (path, why) = note.strip_prefix('`')?.split_once("` is left out: ")?;
-            (path == name || path.rsplit('/').next() == Some(name)).then_some(why)
-        })
+        self.rows.reason_of_absence(name)
     }
 
     /// Checks that the values of a column, from 0, can be read.

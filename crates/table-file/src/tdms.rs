@@ -691,6 +691,10 @@ fn times((start, step): (f64, f64), rows: usize) -> ArrayValues {
 }
 
 impl RowSource for TdmsTable {
+    fn reason_of_absence(&self, name: &str) -> Option<&str> {
+        self.arrays.reason_of_absence(name)
+    }
+
     fn columns(&self) -> usize {
         self.arrays.columns()
     }

@@ -166,8 +166,12 @@ fn one_board_is_the_reference_of_another() {
     let log = Recording::read(&dir.join("log.csv"));
     let columns = AXES.map(|axis| log.text(axis));
     let with: Vec<usize> = (0..log.rows()).filter(|row| !columns[0][*row].is_empty()).collect();
-    // On a busy machine records come too late for their rows; 400 rows are recorded.
-    assert!(with.len() > 50, "{} of {} rows", with.len(), log.rows());
+    // On a busy machine records come late, or several at once, of which only the last has a time: each may leave
+    // the rows before and after it without a load.
+    let count = |name: &str| said["reference"][name].as_u64().unwrap() as usize;
+    let excused = 2 * (count("late") + count("untimed"));
+    let (rows_with, all) = (with.len() + excused, log.rows());
+    assert!(rows_with > 200 && rows_with * 10 > all * 9, "{} of {all} rows: {said}", with.len());
     for row in with {
         let value = |column: &Vec<&str>| column[row].parse::<f64>().unwrap();
         let counts = columns.each_ref().map(|column| (value(column) * 1e6).round() as i64);

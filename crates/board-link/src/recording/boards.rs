@@ -85,7 +85,7 @@ impl PacketWire {
                 };
                 match ahead.iter().position(is_this) {
                     Some(0) => drop(ahead.pop_front()),
-                    // Those before it are lost without escapes, so all of them are taken below, in their order.
+                    // Without escapes the frames before it are lost, so all are taken below, in order.
                     Some(_) => return,
                     None => *behind += 1,
                 }

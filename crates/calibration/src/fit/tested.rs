@@ -1,4 +1,4 @@
-//! The verdict on a calibration by rows that it was not fitted to, on a screen like that of a fit.
+//! The verdict on a calibration by rows that were not used for the fit, on the same screen as a fit.
 
 use super::evaluation::Evaluation;
 use super::examination::{Examination, Promise};

@@ -252,8 +252,7 @@ fn of_fields(
         split(texts[first], separator).last().is_some_and(|it| it.trim_ascii().is_empty());
     let has_row_names = has_row_names(&texts[first..], separator);
     let of_names = |at: usize| {
-        let text = uncommented(texts[at]).unwrap_or(texts[at]);
-        name_fields(text, separator).into_iter().find_map(|names| {
+        name_fields(bare(texts[at]), separator).into_iter().find_map(|names| {
             let named = names.iter().filter(|name| !name.trim_ascii().is_empty()).count();
             let is_text = !names.iter().any(|name| is_numeric(name, separator));
             let mut names = to_names(&names);
@@ -413,6 +412,7 @@ pub(super) fn are_units_or_ones(names: &[String]) -> bool {
     units.iter().filter(|unit| !unit.is_empty()).count() > 2 && are_units(&units)
 }
 
+/// Returns a line without its comment mark, if it has one.
 pub(super) fn bare(text: &[u8]) -> &[u8] {
     uncommented(text).unwrap_or(text)
 }

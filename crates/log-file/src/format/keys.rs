@@ -15,7 +15,8 @@ pub(crate) struct Keys {
     pub(crate) is_vicon: bool,
 }
 
-/// Endings of keys for the number of rows per second. Other frequencies are those of filters and of emitters.
+/// Endings of keys for the number of rows per second. Other keys that end in
+/// `frequency` belong to filters and emitters.
 const RATES: [&str; 8] = [
     "samplerate",
     "samplingrate",

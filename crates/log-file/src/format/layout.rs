@@ -434,9 +434,11 @@ fn separated_header(
     };
     let Head { separator, form, names, units, mut rows_start, mut rows_line, columns, keys } =
         found;
-    let numbers = lines(&head[rows_start..], 0, 1).next().filter(|_| names.is_none());
-    let numbers = numbers.filter(|line| counts_columns(&fields(line.text, separator)));
-    if let Some(line) = &numbers {
+    let is_all_rows = names.is_none() && rows_line == first.number;
+    if names.is_none()
+        && let Some(line) = lines(&head[rows_start..], 0, 1).next()
+        && counts_columns(&fields(line.text, separator))
+    {
         rows_start += line.next;
         rows_line += 1;
     }
@@ -461,10 +463,7 @@ fn separated_header(
     };
     let is_of_layout = |(format, layout): &&(LogFormat, &[&str])| match mapping.format {
         Some(wanted) => *format == wanted,
-        None => {
-            let is_first = rows_line == first.number + u64::from(numbers.is_some());
-            names.is_none() && layout.len() == columns && is_first
-        }
+        None => is_all_rows && layout.len() == columns,
     };
     if let Some(&(format, layout)) = NAMELESS.iter().find(is_of_layout) {
         if layout.len() != columns {
