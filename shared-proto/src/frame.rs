@@ -1,7 +1,8 @@
 //! Framing of packets: a mask that avoids certain bytes, and COBS with a zero delimiter.
 //!
 //! COBS (Cheshire and Baker, "Consistent Overhead Byte Stuffing", IEEE/ACM Transactions on
-//! Networking 7(2), 1999) removes a packet's zeros for one byte, so that a zero ends a frame.
+//! Networking 7(2), 1999) removes the zeros from a packet at the cost of one byte, so that a zero
+//! can mark the end of a frame.
 //!
 //! Escaped XBee API mode spends a second byte on each of four values. The first byte of a packet is
 //! a mask that is XORed into all other bytes except the CRC, so that the frame contains none of the
@@ -65,7 +66,8 @@ fn masked(mut packet: Plain, mask: u8, crc: impl Fn(&[u8]) -> u16) -> Plain {
     packet
 }
 
-/// Returns the COBS code that is open at the packet's end, unless a byte before it needs an escape.
+/// Returns the COBS code of the last block of the packet; `None` if a byte or an earlier code needs
+/// an escape.
 fn last_code(packet: &[u8], mask: u8) -> Option<u8> {
     let mut code = 1;
     for byte in packet {
@@ -80,7 +82,8 @@ fn last_code(packet: &[u8], mask: u8) -> Option<u8> {
 
 fn cobs(packet: &[u8]) -> Frame {
     let mut frame = Frame::new();
-    // One block per zero, as if another followed; none reaches the 254 bytes that need no zero.
+    // Each zero ends a block, and the packet counts as if one more zero followed it. No block
+    // reaches 254 bytes, the length at which a COBS block ends without a zero.
     for block in packet.split(|&byte| byte == 0) {
         frame.push(block.len() as u8 + 1);
         frame.extend(block);

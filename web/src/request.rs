@@ -43,7 +43,7 @@ impl FileRef {
     }
 }
 
-/// The user's assignments of columns, by position from 1; `None` is detected.
+/// The user's assignments of columns, by position from 1. Columns that are `None` are detected.
 #[derive(Default, Deserialize)]
 #[serde(default)]
 pub(crate) struct ColumnsGiven {

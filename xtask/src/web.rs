@@ -1,6 +1,6 @@
-//! The page that fits and converts in a browser: one file for any folder. It contains the module
-//! and the example data, compressed, and its Content-Security-Policy lists the hashes of its
-//! scripts and styles.
+//! The page that fits and converts in a browser. It is one file, and works from any folder. It
+//! contains the module and the example data, compressed, and its Content-Security-Policy lists the
+//! hashes of its scripts and styles.
 
 use std::fs;
 use std::io::Write;

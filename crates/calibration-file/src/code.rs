@@ -23,7 +23,8 @@ pub enum Language {
 
 type Constant = (&'static str, &'static str, Vec<Vec<f64>>);
 
-/// The calibration as a function `name`: an identifier, and for MATLAB the name of the file.
+/// The calibration as a function. `name` must be an identifier, and for MATLAB also the name of the
+/// file.
 pub fn to_code(file: &CalibrationFile, language: Language, name: &str) -> String {
     let axes = file.calibration.axes;
     let memory = file.calibration.memory.as_ref();

@@ -53,7 +53,8 @@ impl PlotAxis {
     /// or, on a logarithmic axis, not positive.
     pub fn new(quantity: &str, unit: &str, spacing: Spacing, low: f64, high: f64) -> Self {
         let (low, high) = (low.min(high), high.max(low));
-        // A range too short for ticks, or with a NaN end, shows only its lower end.
+        // A range that is too short for ticks, or has a NaN end, is replaced by a range around its
+        // lower end.
         let (low, high) = match spacing {
             Spacing::Log => match (if low > 0.0 { low } else { high / 1e6 }, high) {
                 (low, high) if low > 1e-300 && high < 1e300 && high > low * 1.001 => (low, high),

@@ -9,7 +9,8 @@ const WIDTH: f64 = 860.0;
 const TOP: f64 = 44.0;
 const HEIGHT: f64 = 200.0;
 const PITCH: f64 = HEIGHT + BOTTOM_MARGIN + 36.0;
-/// Points drawn of the search, two per pixel: each is the highest of a part.
+/// Number of points drawn for the search, two per pixel. The search is cut into parts, and the
+/// highest point of each part is drawn.
 const SEARCH_POINTS: usize = 1600;
 
 /// Draws the search (score over offset, maximum 1) above an excerpt of the match.

@@ -7,8 +7,8 @@
 //! Rows are reduced to small, mergeable results: [`exact`] sums of integer readings, with the same
 //! bits in any order, or [R factors](factored) of any readings. [`sums`] of both support
 //! [cross-validation](validation), model selection and the [covariance of
-//! coefficients](uncertainty). [`solver`] passes over rows in place ([`passes`]), by one of several
-//! [methods]. No files, clocks or printing.
+//! coefficients](uncertainty). [`solver`] instead makes passes over the rows where they are
+//! ([`passes`]) and solves by one of several [methods]. No files, clocks or printing.
 
 #![forbid(unsafe_code)]
 

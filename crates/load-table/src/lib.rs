@@ -1,6 +1,7 @@
 //! Tables of loads: mass or force, its point and direction, and the resulting wrench.
 //!
-//! Each line is a pose: a load that a rig can apply, in its order, or a load as applied.
+//! Each line is a pose: either a load that a rig can apply or a load that was applied, in the order
+//! of the lines.
 //!
 //! | columns | meaning |
 //! |---|---|

@@ -1,10 +1,10 @@
 //! Choice of λ, the width of the priors and the number of shared factors by cross-validation over groups.
 //!
 //! The chosen λ and width have the least squared error on held-out groups, relative to the mean square of each axis
-//! and averaged over the axes. A further factor has to raise the log density of the held-out readings by more than a
-//! standard error of the mean gain over the folds: this criterion sees all sensors and the correlation of their
-//! errors, which the errors of a wrench hardly show. Then λ is chosen once more. Fits without a fold start from the
-//! fit to all observations.
+//! and averaged over the axes. A further factor is accepted if its mean gain in the log density of the held-out
+//! readings, over the folds, is more than one standard error of that mean. This criterion depends on all sensors and
+//! on the correlation of their errors, which hardly shows in the errors of a wrench. Then λ is chosen once more.
+//! Fits without a fold start from the fit to all observations.
 
 use std::collections::BTreeSet;
 
@@ -18,8 +18,8 @@ use super::rows::ObservationSample;
 use least_squares::error::FitError;
 use least_squares::passes::{Workers, map};
 
-/// Half decades below 1, the value of Bayes' rule for normal loads. λ = 1 pulls loads at the edge of the range, but
-/// no others, to a distant minimum.
+/// Half decades below 1. λ = 1 is what Bayes' rule gives for normally distributed loads. λ = 1 pulls loads at the
+/// edge of the range, but no others, to a distant minimum.
 const LAMBDAS: [f64; 4] = [0.01, 0.03, 0.1, 0.3];
 
 const WIDTHS: [f64; 3] = [0.25, 0.5, 1.0];
@@ -78,7 +78,7 @@ impl Choice {
         Self::fit_sample(ObservationSample::new(observations), None, workers)
     }
 
-    /// Holds out `folds` of groups, or groups in turn.
+    /// Holds out the given `folds` of groups; without them, deals the groups to folds in turn.
     pub(super) fn fit_sample(
         sample: ObservationSample,
         folds: Option<&[Vec<u64>]>,

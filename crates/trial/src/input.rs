@@ -13,7 +13,8 @@ pub struct Trial {
     /// s on the log's clock.
     pub t_enter_s: f64,
     pub t_exit_s: f64,
-    /// Mean velocity, m/s; `None` for the channel's length over the time in it.
+    /// Mean velocity, m/s. If `None`, it is the length of the channel divided by the time in the
+    /// channel.
     pub velocity_m_s: Option<f64>,
     /// Mass, kg; `None` for the profile's.
     pub mass_kg: Option<f64>,
@@ -59,8 +60,8 @@ pub struct TrialOptions {
     pub forces: ForceOptions,
     pub trace: TraceExtent,
     pub full_scale: f64,
-    /// Unexplained share of the training loads' variance, 1 − R²: the relative error on any load,
-    /// which does not average out.
+    /// Share of the variance of the training loads that is unexplained, 1 − R². It is taken as the
+    /// relative error on any load; this error does not average out.
     #[serde(skip)]
     pub unexplained: Option<PerAxis<f64>>,
 }
@@ -98,7 +99,7 @@ pub struct TrialInput<'a> {
     pub instrument: Instrument<'a>,
     pub times: &'a LogTimes,
     pub rows: &'a TrialRows,
-    /// With the frames of any tare; `None` without forces.
+    /// Includes the frames of the tare, if there is a tare; `None` for trials without forces.
     pub pipeline: Option<&'a ForcePipeline>,
     pub options: &'a TrialOptions,
 }

@@ -15,8 +15,8 @@ use report::CheckedLoad;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// Factor on the 95 % interval that a difference may reach: three standard errors, which a sound sensor
-/// exceeds on one of a dozen numbers in about one of twenty checks.
+/// A difference may be this many times the 95 % interval, which is three standard errors. In about one
+/// of twenty checks of a dozen numbers each, a sound sensor has a number beyond this limit.
 const MARGIN: f64 = 1.53;
 
 #[derive(Clone, Debug)]
@@ -26,9 +26,9 @@ pub struct CheckedWeights {
     pub gate: Gate,
 }
 
-/// Compares the weights of a table with the forces that a calibration gives for their readings. The axes are
-/// `named`, otherwise those of the calibration and those that a weight loads. If the table has a line without
-/// a load, its wrench is the zero.
+/// Compares the weights of a table with the forces that a calibration gives for their readings. Compares the
+/// `named` axes; without them, all axes of the calibration and any other axis that a weight loads. If the
+/// table has a line without a load, the wrench measured there is the zero that is subtracted.
 pub fn check_weights(
     file: &CalibrationFile,
     logs: &[Log],

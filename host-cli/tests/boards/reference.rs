@@ -297,7 +297,7 @@ fn lines_of_a_program_are_read_with_their_units() {
     assert!(offsets.len() * 10 > log.rows() * 8, "{} of {}", offsets.len(), log.rows());
     offsets.sort_by(f64::total_cmp);
     let (low, high) = (offsets[offsets.len() / 20], offsets[offsets.len() * 19 / 20]);
-    // Half a period of the reference on either side.
+    // An offset may be up to half a period of the reference too early or too late.
     assert!(high - low <= 8e-3, "{low} to {high}");
     assert!(log.text("mx_nm").iter().all(|value| value.is_empty() || *value == "0.25"));
 }
@@ -324,7 +324,7 @@ fn a_missing_reference_is_an_error_with_a_hint() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     let (_board, port) = board(dir);
-    // Nothing listens at port 1, one of the system's.
+    // Nothing listens at port 1, which is reserved for the system.
     let said =
         program::refused(dir, &format!("record {port} -o a.csv --reference lines:tcp:127.0.0.1:1"));
     assert!(said.contains("cannot open the reference") && said.contains("hint: "), "{said}");

@@ -9,10 +9,11 @@ use tempfile::TempDir;
 
 const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration-data/synthetic-train.csv");
 
-/// No fraction of a power of two or ten.
+/// Not a whole number divided by a power of two or by a small power of ten.
 const VOLT: f64 = 0.1 + 1e-9;
 
-/// Writes `train.csv`, `volts.csv` (other units), and its rows in turn in `a.csv` to `c.csv`.
+/// Writes `train.csv`; `volts.csv`, the same rows in other units; and `a.csv` to `c.csv`, three
+/// consecutive parts of `volts.csv`.
 fn folder() -> TempDir {
     let dir = tempfile::tempdir().unwrap();
     let text = fs::read_to_string(DATA).unwrap();
@@ -75,7 +76,8 @@ fn standard_errors_by_group_equal_those_of_exact_sums() {
             assert_eq!(exact.is_null(), volts.is_null(), "{field}");
         }
         assert_eq!(volts["covariance"]["degrees_of_freedom"], 124);
-        // The unit is rounded in every reading, 2⁻⁵³, times conditions of some 1e4.
+        // Converting the unit rounds every reading by up to 2⁻⁵³; the condition number, about 1e4,
+        // multiplies this.
         let exact = converted(dir, "exact.json", "train.csv");
         assert_close(&converted(dir, "volts.json", "volts.csv"), &exact, 1e-11);
     }
@@ -143,7 +145,7 @@ fn merged_r_factors_are_the_fit_over_all_files() {
                 }
             }
         }
-        // One order gives the same bytes, but for the date.
+        // Merging in the same order again gives the same bytes, except for the date.
         succeed(dir, &format!("merge a.json b.json c.json {ridge} -o again.json"));
         assert_eq!(
             document(dir, "again.json")["coefficients"],
@@ -167,7 +169,7 @@ fn merged_r_factors_validate_and_choose_as_a_fit_does() {
         let of = |report: &serde_json::Value| {
             report["cross_validation"]["grouped"][axis]["rms"].as_f64().unwrap()
         };
-        // Refits of the rows, and R factors: conditions below 1e3.
+        // One report refits the rows, the other uses R factors. Condition numbers are below 1e3.
         assert!((of(&merged) / of(&whole) - 1.0).abs() < 1e-9, "{axis}");
     }
     assert!(merged["cross_validation"]["random"].is_null());
@@ -181,7 +183,8 @@ fn merged_r_factors_validate_and_choose_as_a_fit_does() {
     let whole = chosen(&report(&format!("fit a.csv b.csv c.csv {of_rows}")));
     assert_eq!((&merged["basis"], &merged["ridge"]), (&whole["basis"], &whole["ridge"]));
     let score = |of: &serde_json::Value| of["errors"]["score"].as_f64().unwrap();
-    // A ridge is about the mean of a fold's rows here, of all rows there.
+    // In merged fits a ridge is relative to the mean of the rows of a fold; in a fit of the rows,
+    // to the mean of all rows.
     assert!((score(&merged) / score(&whole) - 1.0).abs() < 1e-3, "{merged} {whole}");
 }
 
@@ -278,7 +281,7 @@ fn a_fit_to_means_takes_each_group_once() {
         ended(dir, "fit train.csv --means --model linear --cv --verbose -o found.json", 0);
     assert!(said.contains("a row is the mean of a group: 125 of 2500 rows"), "{said}");
     let expected = converted(dir, "expected.json", "train.csv");
-    // Sums of twenty numbers in double precision there.
+    // The means in `means.csv` are sums of twenty numbers in double precision, so they are rounded.
     assert_close(&converted(dir, "found.json", "train.csv"), &expected, 1e-10);
     let (found, expected) = (document(dir, "found.json"), document(dir, "expected.json"));
     assert_eq!(found["diagnostics"]["rows"], 125);

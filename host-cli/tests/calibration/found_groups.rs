@@ -12,7 +12,8 @@ use tempfile::TempDir;
 /// Time, four readings, the wrench, the pose.
 type Row = (f64, [f64; 4], [f64; 6], usize);
 
-/// Poses of different lengths, with noise of the reference; a repeated load has other readings.
+/// Poses of different lengths, with noise of the reference. Each pose shifts the readings at
+/// random, so the same load has other readings in another pose.
 fn poses(seed: u64, poses: usize, noise: f64) -> Vec<Row> {
     let mut random = Random(seed);
     let (mut rows, mut time): (Vec<Row>, f64) = (Vec::new(), 0.0);
@@ -77,7 +78,8 @@ fn a_log_of_poses_gets_the_figures_of_its_group_column_to_the_last_digit() {
             {
                 assert_eq!(named[figures], plain[figures], "noise {noise}, {options}: {figures}");
             }
-            // From errors on training rows, whose sums depend on blocks in the last digits.
+            // The rest of the covariance is not compared: it comes from errors on training rows,
+            // and the last digits of their sums depend on the blocks.
             assert_eq!(named["covariance"]["groups"], plain["covariance"]["groups"]);
         }
     }

@@ -161,7 +161,8 @@ fn a_damaged_or_foreign_part_is_refused() {
     }
 }
 
-/// Everything but the figures that need the rows again: equal to one fit over all files.
+/// Removes the figures that need another pass over the rows. Everything else equals one fit over
+/// all files.
 fn without_rows(file: &serde_json::Value) -> serde_json::Value {
     let mut file = file.clone();
     for figure in ["train", "excitation"] {
@@ -175,7 +176,7 @@ fn without_rows(file: &serde_json::Value) -> serde_json::Value {
     file
 }
 
-/// Sources without the digests by which only parts recognise repeated rows.
+/// Sources without their digests. Only partial fits have digests, to recognise repeated rows.
 fn sources(file: &serde_json::Value) -> serde_json::Value {
     let mut sources = file["sources"].clone();
     for source in sources.as_array_mut().unwrap() {
@@ -347,7 +348,7 @@ fn partial_fits_pass_through_pipes() {
     let output = piped(&dir, "merge - --partial -", &stream);
     assert_eq!(output.status.code(), Some(0));
     assert!(output.stdout == fs::read(dir.path().join("all.json")).unwrap());
-    // Files and the stream together; the second part of the stream is faulty.
+    // A file and the stream together: the first part of the stream repeats the rows of the file.
     assert_eq!(piped(&dir, "merge - -o cal.json", &stream).status.code(), Some(0));
     let twice = piped(&dir, "merge 2.json -", &stream);
     let said = String::from_utf8_lossy(&twice.stderr).into_owned();

@@ -178,7 +178,8 @@ fn edges_of_a_common_signal_align_recordings_that_loads_do_not() {
         assert!((clock("skew") - skew).abs() < 3.0 * clock("skew_se"), "{report}");
         assert!(report["rows"]["written"].as_u64().unwrap() > 2_900);
     }
-    // The loads agree within their errors, and give the same clocks without the flag.
+    // The clocks from the loads agree with those from the edges within their errors, and are the
+    // same without `--sync`.
     succeed(at, &format!("{PAIR} --offset {offset_s} --skew 120"));
     let plain = json(at, "align ref.csv log.csv -o plain.csv --json");
     assert!(plain["edges"].is_null());

@@ -1,5 +1,5 @@
-//! The wire format, pinned by literal bytes, which a program in another language, written from the
-//! README, produced (bitwise CRC, frames built field by field). The README shows them, too.
+//! The wire format, pinned by literal bytes. A program in another language, written from the
+//! README, produced them (bitwise CRC, frames built field by field). The README shows them, too.
 
 use shared_proto::xbee::{Address, ApiFrame, Mode};
 use shared_proto::{
@@ -225,7 +225,7 @@ fn packets_have_the_bytes_of_the_readme() {
     }
 }
 
-// As version 2 of this crate sent them.
+// The frames below are as version 2 of this crate sent them.
 #[test]
 fn version_2_is_read_but_its_commands_are_not_done() {
     let all = vectors();

@@ -28,7 +28,8 @@ fn board(unit_seed: u64, fz_n: f64) -> TTYPort {
     TTYPort::open(&port).unwrap()
 }
 
-/// A base station and the boards' modules, which cut the streams anywhere.
+/// A base station and the radio modules of the boards. The modules may cut a stream of bytes at any
+/// point.
 fn coordinator(mode: Mode, boards: [TTYPort; 2]) -> String {
     let (mut station, host) = TTYPort::pair().unwrap();
     station.set_timeout(Duration::from_millis(5)).unwrap();
@@ -120,7 +121,7 @@ fn two_boards_behind_one_base_station_are_two_logs() {
     // `simulated  2`, in hexadecimal digits.
     let serial: String = b"simulated  2".iter().map(|byte| format!("{byte:02x}")).collect();
     run(dir, &format!("board {port} --framing xbee-ap2 --board {serial} rate 50"), 0);
-    // With its address, no other board receives it.
+    // A command sent to a board's address is received by no other board.
     let identity = run(dir, &format!("board {port} --framing xbee-ap2 --to 0x2053 identify"), 0);
     assert!(identity.contains(&serial), "{identity}");
 

@@ -14,7 +14,8 @@ use shared_proto::{CHANNELS, COUNTS_PER_LSB, Timing};
 
 const REACH: usize = 3;
 
-/// Largest distance within a run, relative to the shortest one next to the frame.
+/// Largest time between consecutive frames of a run, as a multiple of the shorter of the two times
+/// next to the frame.
 const LONGEST_STEP: f64 = 1.5;
 
 /// Maximum delay of frames until the board reports its timing, µs; it reports once a second.
@@ -36,7 +37,8 @@ pub struct Simultaneous {
 }
 
 impl Simultaneous {
-    /// Creates an aligner. With `as_sampled`, frames only get the times of their middles.
+    /// Creates an aligner. With `as_sampled`, readings stay unchanged, and only the time of a frame
+    /// moves to the frame's middle.
     pub fn new(as_sampled: bool) -> Self {
         Self { as_sampled, ..Self::default() }
     }
@@ -47,7 +49,8 @@ impl Simultaneous {
     }
 
     /// Takes frames sorted by index; returns the frames due, in the same order. Until `ended`, the
-    /// last ones wait. Frames older than one already returned come first, as sampled.
+    /// last ones wait. A frame that is older than a frame already returned comes before the others,
+    /// with its readings as sampled.
     pub fn take(
         &mut self,
         frames: impl Iterator<Item = BoardFrame>,
@@ -232,7 +235,8 @@ mod tests {
                 }
             }
         }
-        // 2 sin(π · 20 Hz · 3.71 ms), of 500 steps for 1 N.
+        // Largest change in 3.71 ms: 2 sin(π · 20 Hz · 3.71 ms) times the amplitude, which is 500
+        // steps (1 N).
         assert!((before / 500.0 - 0.462).abs() < 0.005, "{before}");
         // The bound in the module's documentation at s = ±0.1855 is 0.0062; rounding to a sixteenth
         // of a step adds a hundredth of that.
@@ -299,7 +303,8 @@ mod tests {
         let whole = corrected(&frames, 60);
         frames[..50].iter_mut().for_each(|frame| frame.timing = None);
         assert_eq!(corrected(&frames, 10), whole);
-        // A board that never reports: as sampled, without a flag on every row.
+        // Frames of a board that never reports its timing are returned as sampled, and no row is
+        // flagged.
         let mut frames: Vec<_> = (0..300).map(|index| frame(index, sine)).collect();
         frames.iter_mut().for_each(|frame| frame.timing = None);
         let mut simultaneous = Simultaneous::default();

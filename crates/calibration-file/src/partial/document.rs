@@ -2,7 +2,7 @@
 //!
 //! | field | content |
 //! |---|---|
-//! | `partial_schema_version` | `PARTIAL_SCHEMA_VERSION`; earlier documents had 1, with groups 2, triangles 3, and no `summed` |
+//! | `partial_schema_version` | `PARTIAL_SCHEMA_VERSION`. Earlier documents have 1, or 2 if they have groups, or 3 if they have triangles; none has `summed` |
 //! | `made_by`, `date` | program and version, UTC |
 //! | `model` | features and intercept |
 //! | `skipped_rows`, `repeated_rows` | invalid rows that were skipped, rows with repeated readings |

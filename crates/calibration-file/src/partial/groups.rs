@@ -1,6 +1,6 @@
-//! The groups of a partial fit. The last bits of results depend on their order, so each records the
-//! position of its first row; groups are sorted into the order of one fit over all files by name,
-//! whatever the order of merging.
+//! The groups of a partial fit. The last bits of results depend on the order of the groups, so each
+//! group records the position of its first row. Whatever the order of merging, groups are sorted as
+//! one fit over all files, sorted by name, would have them.
 
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
@@ -16,7 +16,8 @@ use super::{MergeError, PartialFit, SourceFile, Sums, expect};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PartialGroups {
     pub by: GroupKind,
-    /// The assignment of rows to the random folds that held-out errors are compared with.
+    /// The assignment of rows to random folds; the errors on held-out groups are compared with the
+    /// errors on these folds.
     #[serde(flatten)]
     pub split: RandomSplit,
     /// The sums of the held-out random folds; empty if rows are not summed exactly.
@@ -149,7 +150,7 @@ impl PartialFit {
     }
 
     /// Sorts sources by name, and groups by their first rows. Without groups no result depends on
-    /// the order, and sources keep that of merging.
+    /// the order, and sources stay in the order of merging.
     pub fn put_in_order(&mut self) {
         let Some(groups) = &mut self.groups else { return };
         let mut sources: Vec<(usize, SourceFile)> = self.sources.drain(..).enumerate().collect();
@@ -161,7 +162,8 @@ impl PartialFit {
         }
         groups.groups.iter_mut().for_each(|group| group.source = now_at[group.source]);
         groups.groups.sort_unstable_by_key(|group| (group.source, group.position));
-        // Groups that turned out to begin in an earlier source have left gaps.
+        // Groups that turned out to begin in an earlier source have left gaps in the positions of
+        // the source they were in.
         let (mut last, mut next) = (None, 0);
         for group in &mut groups.groups {
             next = if last == Some(group.source) { next + 1 } else { 0 };

@@ -21,7 +21,8 @@ pub struct HeldOutModels {
 }
 
 impl HeldOutModels {
-    /// Fits again without each fold by which `fit` was judged; `None` without groups or for rows with weights.
+    /// For each fold by which `fit` was judged, fits the model again without that fold. `None` if there are no
+    /// groups, or if rows have weights.
     ///
     /// # Errors
     /// [`FitError`] if the rows outside of a fold do not determine the model.

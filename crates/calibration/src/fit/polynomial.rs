@@ -44,7 +44,8 @@ fn covariance(
 }
 
 /// Condition number below which refined QR has all digits of the coefficients (docs/accuracy.md).
-/// The covariance, from its R factor, which is not refined, then has at least six.
+/// The covariance then has at least six correct digits; it comes from the R factor of the QR, which
+/// is not refined.
 const AS_GOOD_AS_EXACT: f64 = 1e10;
 
 pub(super) fn fit(input: FitInput<'_>, mut choice: ModelChoice) -> Result<Fit, FitError> {
@@ -53,8 +54,8 @@ pub(super) fn fit(input: FitInput<'_>, mut choice: ModelChoice) -> Result<Fit, F
     let problem = PolynomialProblem {
         model: options.model_of(&train, choice.basis),
         solver: match options.solver {
-            // The exact solver takes neither weights nor memory terms, which are rounded:
-            // refinement gains nothing.
+            // The exact solver takes neither weights nor memory terms. Memory terms are rounded, so
+            // refinement would gain nothing.
             SolverKind::Exact if train.has_weights() => SolverKind::RefinedTsqr,
             SolverKind::Exact if train.memory_terms() > 0 => SolverKind::Tsqr,
             solver => solver,

@@ -9,10 +9,10 @@
 //! - its mean differs from the previous interval's by no more than `SAME_ZERO` of the range so far,
 //!   or `QUIET` times that scatter if that is more.
 //!
-//! So the zero may drift arbitrarily far if slowly or in small steps, and a pose is not stationary.
-//! A load that rises more slowly than twice the noise in half a second looks like drift, one below
-//! a twentieth of the range so far like none. Only the past is used: the intervals are the same
-//! during recording and afterwards.
+//! So the zero may drift arbitrarily far if it does so slowly or in small steps, but a pose with a
+//! load is not taken for a stationary interval. A load that rises more slowly than twice the noise
+//! in half a second is taken for drift. A load below a twentieth of the range so far is taken for
+//! no load. Only the past is used: the intervals are the same during recording and afterwards.
 
 mod watch;
 
@@ -32,17 +32,19 @@ pub(crate) const STATIONARY_FRAMES: usize = DEFAULT_TARE_FRAMES;
 /// correlated noise.
 pub const PARTS: usize = 5;
 
-/// Limit on an interval's noise relative to the first, and, in units of that, on the shift of the
-/// zero between intervals.
+/// Limit on the noise of an interval, and on the shift of the zero between intervals, both in units
+/// of the noise of the first interval.
 const QUIET: f64 = 2.0;
 
-/// Limit on the zero's shift between intervals, in ranges so far: it returns with hysteresis.
+/// Limit on the shift of the zero between intervals, as a share of the range so far: because of
+/// hysteresis, the zero does not return exactly.
 const SAME_ZERO: f64 = 0.05;
 
 /// The minimum noise, as a share of the reading: half a step of a 12-bit converter at mid-range.
 const LEAST_NOISE: f64 = 2.5e-4;
 
-/// Least time from a part's first frame to its last, s: ten at 100 Hz, on an uneven clock.
+/// Least time from the first to the last frame of a part, s: ten frames at 100 Hz, with an
+/// allowance for an uneven clock.
 const PART_S: f64 = 0.085;
 
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -86,7 +88,8 @@ pub struct StationaryFinder {
     known: Vec<KnownZero>,
     parts: VecDeque<StationaryPart>,
     ended: usize,
-    /// Times and readings of these frames and later ones, one column per channel.
+    /// Times and readings of the `ended` frames in whole parts and of the later frames; one column
+    /// per channel.
     times_s: Vec<f64>,
     readings: Vec<Vec<f64>>,
     last_s: Option<f64>,

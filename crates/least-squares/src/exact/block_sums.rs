@@ -31,8 +31,8 @@ impl Scratch {
 vectorised! {
     /// Adds the first `rows` rows of a block to open sums; returns false, and adds none, if the
     /// limbs do not cover the wrench. `readings` has a column of [`ROWS`] integers per channel,
-    /// with the centre beyond `rows`; `axes` has one of [`ROWS`] numbers per axis, with zeros
-    /// beyond.
+    /// which after the first `rows` are the channel's centre. `axes` has a column of [`ROWS`]
+    /// numbers per axis, which after the first `rows` are zero.
     pub(crate) fn sum_block<S: Simd>(
         simd: S,
         layout: &SumLayout,

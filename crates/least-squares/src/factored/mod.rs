@@ -12,9 +12,9 @@
 //! `Z − R·C` and `E`. No squares are formed or subtracted, so errors grow with the condition number
 //! and not with its square. R factors of groups merge to that of all rows ([`FactoredGroups`]).
 //!
-//! Features always include a constant, which allows another centre: R factors of separate
-//! recordings merge, and smaller models are contained in larger ones. The order of the rows affects
-//! only the last digits.
+//! Features always include a constant, so an R factor can be changed to another centre. R factors
+//! of separate recordings can therefore be merged, and smaller models are contained in larger ones.
+//! The order of the rows affects only the last digits.
 
 mod groups;
 mod rows;

@@ -24,7 +24,8 @@ pub struct FactoredRows {
 }
 
 impl FactoredRows {
-    /// Starts with zero rows. `scaling`, for the features and a constant, should come from a sample of the rows.
+    /// Starts with zero rows. `scaling` is that of a model with a constant, and should come from a sample of the
+    /// rows.
     ///
     /// # Panics
     /// If the numbers of columns of `scaling` and `model` differ.
@@ -105,7 +106,8 @@ impl FactoredRows {
         Scaling::from_channels((0..self.model().columns()).map(channel), intercept)
     }
 
-    /// Fits `model`. `ridge` is λ, for powers of readings relative to the mean of these rows.
+    /// Fits `model`. `ridge` is λ; it applies to powers of the readings minus their mean over these
+    /// rows.
     ///
     /// # Errors
     /// [`FitError`] if the rows do not determine the coefficients, or features of the model were not kept.
@@ -113,7 +115,8 @@ impl FactoredRows {
         self.solve_by(SolverKind::Tsqr.into(), model, ridge)
     }
 
-    /// [`solve`](Self::solve) by any method of equal weights. [`SolverKind::RidgeGcv`] finds λ for these rows.
+    /// Like [`solve`](Self::solve), by any method that weights all rows equally. [`SolverKind::RidgeGcv`]
+    /// finds λ for these rows.
     ///
     /// # Errors
     /// As [`FactoredRows::solve`].
@@ -156,7 +159,8 @@ impl FactoredRows {
         })
     }
 
-    /// Quality of a solution on these rows; `None` for zero rows, or without features of its model.
+    /// Quality of a solution on these rows; `None` if there are no rows, or if features of the
+    /// solution's model were not kept.
     pub fn quality(&self, solution: &Solution) -> Option<PerAxis<AxisQuality>> {
         let errors = self.errors(solution).filter(|_| self.rows() > 0)?;
         let variances = self.load_variances();
@@ -175,8 +179,9 @@ impl FactoredRows {
         std::array::from_fn(|axis| about_mean[(axis, axis)] / rows)
     }
 
-    /// Matrix `T`, terms of these rows × terms of `model`, that expresses the features of `model` relative to the
-    /// centre of `scaling` in those of these rows; `None` without a product that `model` needs.
+    /// Matrix `T`, terms of these rows × terms of `model`. It expresses the features of `model`, relative to the
+    /// centre of `scaling`, by the features of these rows. `None` if these rows lack a product that `model`
+    /// needs.
     ///
     /// With `z = (s − c)/k` and `z' = (s − c')/k'`, a standardised reading is `z' = a·z + b`, `a = k/k'`, `b = (c −
     /// c')/k'`, so `X' = X·T`. Scales are powers of two, so `a` is exact.

@@ -1,6 +1,6 @@
 //! Symmetric and triangular matrices with a fixed order of summation, and thus the same bits on every machine; faer's
-//! results depend on the vector width. Products are rounded, because WebAssembly has no fused multiply-add. (Golub &
-//! Van Loan, 4th ed., §§3.1, 4.2, 5.2 and 8.3.)
+//! results depend on the vector width. Products are rounded before they are added, because WebAssembly has no fused
+//! multiply-add. (Golub & Van Loan, 4th ed., §§3.1, 4.2, 5.2 and 8.3.)
 
 mod eigen;
 mod squares;

@@ -21,7 +21,8 @@ pub(crate) trait InstructionSet: Copy {
 /// The fields of a column, row by row. It is not a closure, because closures are not always inlined.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ColumnFields<'a> {
-    /// The position before each field, and the end of each; both a slice and the distance between rows in it.
+    /// `befores`: the position before each field; `ends`: the end of each field. Each is a slice, with the
+    /// distance in the slice from one row to the next.
     pub(crate) befores: (&'a [u32], usize),
     pub(crate) ends: (&'a [u32], usize),
 }

@@ -48,7 +48,8 @@ impl ReadMeter {
         self.checksum = checksum.then(Arc::default);
     }
 
-    /// Returns a meter that counts no bytes, for the current file's checksum if that was requested.
+    /// Returns a meter that only computes the checksum of the current file, if requested, and
+    /// counts no bytes.
     pub(super) fn of_checksum(&self) -> Option<Self> {
         let checksum = self.checksum.clone()?;
         Some(Self { bytes: Arc::default(), checksum: Some(checksum) })

@@ -10,7 +10,8 @@ use crate::line::line_ends;
 
 use super::clock_turns::ClockTurns;
 
-/// Number of bytes read at a time: few enough to stay in a core's cache, with the parsed columns, until parsed.
+/// Number of bytes read at a time: so few that they and the columns parsed from them stay in a core's cache
+/// until parsing ends.
 pub(crate) const CHUNK_BYTES: usize = 96 << 10;
 
 /// The first chunk is smaller by this factor, because it is parsed by one thread alone.
@@ -63,7 +64,8 @@ pub(crate) struct ChunkStream<R> {
 }
 
 impl<R: Read> ChunkStream<R> {
-    /// Cuts `stream` after the first `skip` bytes, where the line of number `line` starts.
+    /// Skips the first `skip` bytes of `stream`, and cuts the rest into chunks. The rest starts
+    /// with line number `line`.
     pub(crate) fn new(stream: R, skip: u64, line: u64, chunk_bytes: usize) -> Self {
         Self {
             stream,
@@ -108,7 +110,8 @@ impl<R: Read> ChunkStream<R> {
         self.has_begun = true;
         chunk.offset = self.position - filled as u64;
         let length = loop {
-            // Up to a multiple of the size, so that whole pages are copied.
+            // Reads up to the next multiple of the chunk size in the file, so that whole pages are
+            // copied.
             let target = filled + (chunk_bytes - self.position % chunk_bytes) as usize;
             if buffer.len() < target {
                 buffer.resize(target, 0);

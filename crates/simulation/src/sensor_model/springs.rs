@@ -5,7 +5,8 @@
 //! diag(kᵢ) Jᵢ, and a wrench w displaces the plate by K⁻¹w. (Springs are linear in the small
 //! rotations θ; `geometry` computes reflectors exactly.)
 //!
-//! Wire springs in a printed seat also creep and stick, applied to the wrench:
+//! Wire springs in a printed seat also creep and stick. The model applies both effects to the
+//! wrench:
 //!
 //! - *creep*: part of the response is late, a first-order relaxation (standard linear solid);
 //! - *hysteresis*: part of the response follows the load through play, one stop element of a
@@ -23,8 +24,8 @@ pub struct Spring {
 }
 
 // Chosen so that a cubic calibration with the paper's numbers of rows (77,522 and 19,932)
-// reproduces its errors, 0.118, 0.122 and 0.126 N: a tenth of the travel is late, and a loop is 2 ·
-// 0.2 · 0.7 N = 0.28 N wide, a tenth of the largest push.
+// has the paper's errors, 0.118, 0.122 and 0.126 N. A tenth of the travel is late, and a hysteresis
+// loop is 2 · 0.2 · 0.7 N = 0.28 N wide, a tenth of the largest push.
 
 /// Additional displacement under constant load, as a fraction of the immediate one.
 pub(super) const CREEP: f64 = 0.10;
@@ -34,7 +35,8 @@ pub(super) const HYSTERESIS: f64 = 0.2;
 /// Half-width of the play for forces, N, and moments, N·m.
 const PLAY: [f64; 2] = [0.7, 0.025];
 
-/// Computes the 6 × 6 stiffness, N/m, N and N·m (per rad), about the origin.
+/// Computes the 6 × 6 stiffness about the origin: N/m for forces by translations, N·m/rad for
+/// moments by rotations, N otherwise.
 pub fn stiffness(springs: &[Spring]) -> [[f64; 6]; 6] {
     let mut matrix = [[0.0; 6]; 6];
     for spring in springs {

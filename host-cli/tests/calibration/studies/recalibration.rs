@@ -28,7 +28,9 @@ impl State {
         Self { unit, lever_m: [0.0; 3], turn_rad: [0.0; 3], session: 10 * seed }
     }
 
-    /// Mounted again, with errors in m and rad, and gains changed by a share (standard deviation).
+    /// The sensor mounted again, with the lever off by a length in m, turned by an angle in rad,
+    /// and every gain changed by a random share; the number given is the standard deviation of this
+    /// share.
     fn changed(&self, (lever_m, turn_rad, gain): (f64, f64, f64), random: &mut Random) -> Self {
         let mut direction = |length: f64| {
             let v: [f64; 3] = std::array::from_fn(|_| random.normal());
@@ -147,7 +149,7 @@ fn four_poses_give_the_accuracy_of_a_full_calibration() {
         let before = fit(state.record(&loads(32, &mut random), 0));
         let now = state.changed((2e-3, 2_f64.to_radians(), 0.05), &mut random);
         let full = fit(now.record(&loads(32, &mut random), 1));
-        // Four poses, and the unloaded sensor between them.
+        // Four poses, and one pose of the unloaded sensor.
         let mut few = loads(4, &mut random);
         few.push([0.0; 6]);
         let found = brought_up_to_date(&before, &now.record(&few, 2));
@@ -156,7 +158,7 @@ fn four_poses_give_the_accuracy_of_a_full_calibration() {
         let test = now.record(&loads(100, &mut random), 3);
         let of = [&before.calibration, &full.calibration, &found.calibration];
         let [old, full, found] = of.map(|calibration| error(calibration, &test));
-        // Without it errors are mostly ten to forty times as large.
+        // Without the update, errors are mostly ten to forty times as large.
         assert!(old > 2.0 * found, "{seed}: {old} {found}");
         println!("{seed}: as it was {old:.3}, 32 new poses {full:.3}, four {found:.3}");
         ratios.push(found / full);
@@ -181,7 +183,8 @@ fn an_unchanged_sensor_keeps_its_calibration() {
             false => changed += 1,
         }
     }
-    // Evidence of 400 to 1 by chance, in under one of twenty sensors; errors are not white.
+    // Fewer than one of twenty unchanged sensors reach the required evidence of 400 to 1 by chance.
+    // Some do, because errors are not white noise.
     assert!(changed <= seeds().count().div_ceil(20), "{changed}");
 }
 

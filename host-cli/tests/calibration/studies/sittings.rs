@@ -1,4 +1,5 @@
-//! Errors after the loads of a sitting and after loads in random order, over sensors of the model.
+//! Errors after loads in the order that a sitting plans, and after loads in random order, for
+//! several simulated sensors.
 
 use load_table::HungLoad;
 use shell_data::random::{Purpose, RandomStream};
@@ -6,7 +7,8 @@ use shellcal::workflow::sitting::Sitting;
 
 use crate::sitting::{Bench, rig};
 
-/// Loads at which errors are compared: from 18 on, creep and hysteresis dominate in any order.
+/// Numbers of loads after which errors are compared. From 18 loads on, creep and hysteresis
+/// dominate, whatever the order.
 const COUNTS: [usize; 3] = [12, 14, 16];
 
 fn seeds(usual: u64) -> u64 {
@@ -64,7 +66,8 @@ fn loads_until_an_error_is_reached() {
         (1..=seeds).map(|seed| errors_after(&counts, seed, planned)).collect::<Vec<_>>()
     });
     for limit in [0.3, 0.25, 0.2, 0.18, 0.16] {
-        // Number of loads from which on the error stays within the limit, one more than were hung if it does not.
+        // Number of loads from which on the error stays within the limit. If it never does, the number of loads
+        // hung plus one.
         let reached = |errors: &Vec<f64>| {
             let within = errors.iter().rev().take_while(|error| **error <= limit).count();
             10 + counts.len() - within

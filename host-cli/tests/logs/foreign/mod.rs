@@ -27,7 +27,8 @@ impl Optics {
 
     fn response(self, z: f64, bend: f64) -> f64 {
         match self {
-            // Distance 1/bend at z = 0, where the slope is −2 bend, which normalises.
+            // The distance is 1/bend at z = 0. The slope there is −2 bend; dividing by it
+            // normalises the response.
             Self::InverseSquare => ((1.0 + bend * z).max(0.2).powi(-2) - 1.0) / (-2.0 * bend),
             Self::Exponential => -f64::exp_m1(-bend * z) / bend,
             Self::Saturating => f64::tanh(bend * z + 0.3) / bend,
@@ -69,7 +70,7 @@ impl Session {
 
 /// Noiseless readings at the rows of the reference.
 fn readings(kind: Kind, optics: Optics, wrench: &[[f64; 6]], random: &mut Random) -> Vec<[f64; 8]> {
-    // Columns of about unit length: the displacement that each channel sees.
+    // How much of each displacement each channel sees. Its columns have about unit length.
     let normal_row = |random: &mut Random| -> [f64; 6] {
         let row: [f64; 6] = std::array::from_fn(|_| random.normal());
         let length = row.iter().map(|x| x * x).sum::<f64>().sqrt();

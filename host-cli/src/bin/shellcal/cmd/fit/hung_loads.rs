@@ -8,7 +8,8 @@ use shellcal::workflow::hung_loads::HungReference;
 
 use crate::printer::{Printer, TableColumn};
 
-/// Scatter in stated errors above which the stated errors are reported as too small.
+/// If the scatter, in units of the stated error, is above this, the stated errors are reported as
+/// too small.
 const TOO_SMALL: f64 = 1.5;
 
 pub(super) fn document(hung: &HungReference) -> impl Serialize {
