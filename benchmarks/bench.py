@@ -134,7 +134,9 @@ def channels(options: argparse.Namespace) -> None:
 def binary(options: argparse.Namespace) -> None:
     script = HERE / "binary_logs.py"
     by_position = ["--sensors", "1-8", "--wrench", "9-14"]
-    files = {"14.parquet": (0, []), "14+60.parquet": (60, []), "14.npy": (0, by_position)}
+    # polars packs with Zstandard unless told otherwise, pandas with Snappy.
+    files = {name: (0, []) for name in ("14.parquet", "14.snappy.parquet")}
+    files |= {"14+60.parquet": (60, []), "14.npy": (0, by_position)}
     for name, (others, columns) in files.items():
         log = made(WORK / name, [sys.executable, script, "make", WORK / name, others])
         fit = ["fit", log, *columns, "--model", "linear", "-o", WORK / "calibration.json", "--json"]

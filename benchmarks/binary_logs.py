@@ -25,7 +25,8 @@ def make(path: str, others: int) -> None:
 
     columns = {name: table[:, at] for at, name in enumerate(READINGS + WRENCH)}
     columns |= {f"other{at + 1}": random.standard_normal(ROWS) for at in range(others)}
-    polars.DataFrame(columns).write_parquet(path)
+    packed = "snappy" if path.endswith(".snappy.parquet") else "zstd"
+    polars.DataFrame(columns).write_parquet(path, compression=packed)
 
 
 def fit(path: str) -> None:

@@ -95,7 +95,13 @@ impl Hint for CalibrationFileError {
     fn hint(&self) -> Option<String> {
         let text = match &self.problem {
             Problem::NotJson(_) => {
-                "a calibration is the JSON file that `shellcal fit --output` or `shellcal import` writes"
+                "calibrations and partial fits are JSON files of `shellcal fit` or `shellcal import`"
+            }
+            Problem::Field(fault) if fault.message.contains("`partial_schema_version`") => {
+                "give partial fits, which `shellcal fit --partial` writes"
+            }
+            Problem::Field(fault) if fault.message.contains("`schema_version`") => {
+                "give a calibration; `shellcal merge` makes one of partial fits"
             }
             Problem::SchemaVersion { found } if *found > SCHEMA_VERSION => {
                 "use the version of shellcal that wrote it, or a later one"
@@ -120,7 +126,7 @@ pub enum Problem {
     Io(io::Error),
     #[error("line {}, column {}: not valid JSON: {}", .0.line, .0.column, .0.message)]
     NotJson(JsonFault),
-    #[error("line {}, column {}: not a calibration: {}", .0.line, .0.column, .0.message)]
+    #[error("line {}, column {}: {}", .0.line, .0.column, .0.message)]
     Field(JsonFault),
     #[error("its schema version is `{found}`, this program reads up to `{SCHEMA_VERSION}`")]
     SchemaVersion { found: u64 },

@@ -77,11 +77,16 @@ impl Log {
             let problem = PlacedProblem::LayoutMismatch { format, expected: 9, found };
             return Err(source.error_at(1, problem));
         }
-        // If a column is called a time, its values are enough to recognise the log.
-        let names = table.and_then(Table::names);
-        let clock =
-            names.and_then(|names| recognise(names, &[], LogFormat::Csv, mapping).ok()?.1.time);
-        let shown: Option<Vec<usize>> = clock.map(|clock| vec![clock]);
+        // If a column is called a time, its values are enough to recognise the log. Without one, a date may be in any
+        // column that does not hold floating-point numbers.
+        let shown = table.and_then(|table| {
+            let names = table.names()?;
+            let may_tell =
+                |at: &usize| !table.is_real(*at) || Interleaving::is_identity(&names[*at]);
+            let columns = (0..names.len()).filter(may_tell).collect();
+            let clock = recognise(names, &[], LogFormat::Csv, mapping).ok()?.1.time;
+            Some(clock.map_or(columns, |clock| vec![clock]))
+        });
         let head = source.head(shown.as_deref(), HEAD_BYTES as usize)?;
         // A row may be empty in the columns that are shown.
         let has_rows = |table: &Table| line_ends(&head) > u64::from(table.columns.is_some());

@@ -1,6 +1,7 @@
 //! Limits on the memory that a file may use.
 
 use std::fmt::Display;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::kind::{FileKind, TableError};
 
@@ -14,19 +15,20 @@ pub(crate) const IN_MEMORY: u64 = 2 << 30;
 const RATIO: u64 = 32;
 
 /// Total number of bytes unpacked from a file, which is limited to bound the time.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Unpacked(u64);
+#[derive(Debug, Default)]
+pub(crate) struct Unpacked(AtomicU64);
 
 impl Unpacked {
     /// Counts `bytes` more before they are unpacked from a file of length `file_bytes`.
     pub(crate) fn add(
-        &mut self,
+        &self,
         kind: FileKind,
         bytes: u64,
         file_bytes: u64,
     ) -> Result<(), TableError> {
-        self.0 = self.0.saturating_add(bytes);
-        check(kind, "what is compressed", self.0, file_bytes.saturating_mul(16)).map(drop)
+        // A single addition cannot overflow: the sum so far was within the limit.
+        let all = self.0.fetch_add(bytes, Ordering::Relaxed).saturating_add(bytes);
+        check(kind, "what is compressed", all, file_bytes.saturating_mul(16)).map(drop)
     }
 }
 

@@ -257,6 +257,11 @@ pub(crate) trait RowSource: fmt::Debug + Send + Sync {
         false
     }
 
+    /// Returns true if the format says that the values of a column, from 0, are floating-point numbers.
+    fn is_real(&self, _column: usize) -> bool {
+        false
+    }
+
     /// Returns the reason why an array of this name, with or without its groups, is not among the columns.
     fn reason_of_absence(&self, _name: &str) -> Option<&str> {
         None
@@ -266,6 +271,15 @@ pub(crate) trait RowSource: fmt::Debug + Send + Sync {
     fn columns(&self) -> usize;
 
     fn rows(self: Arc<Self>, wanted: Vec<WantedColumn>) -> Result<RowStream, TableError>;
+
+    /// Like [`Self::rows`], and may unpack columns on this many threads.
+    fn rows_on(
+        self: Arc<Self>,
+        wanted: Vec<WantedColumn>,
+        _threads: usize,
+    ) -> Result<RowStream, TableError> {
+        self.rows(wanted)
+    }
 }
 
 /// A stream of rows: appends at most the given number of rows to an empty part; fewer only at the end.

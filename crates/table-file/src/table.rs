@@ -71,6 +71,11 @@ impl Table {
         self.rows.is_time(column)
     }
 
+    /// Returns true if the format says that the values of a column, from 0, are floating-point numbers.
+    pub fn is_real(&self, column: usize) -> bool {
+        self.rows.is_real(column)
+    }
+
     /// Returns the reason why an array of this name, with or without its groups, is not among the columns.
     pub fn reason_of_absence(&self, name: &str) -> Option<&str> {
         self.rows.reason_of_absence(name)
@@ -92,12 +97,16 @@ impl Table {
         (bytes / (3 * self.rows.columns().max(1))).max(1)
     }
 
-    /// Streams the rows of columns that [can be read](Self::check_is_read).
+    /// Streams the rows of columns that [can be read](Self::check_is_read); may unpack them on `threads` threads.
     ///
     /// # Errors
     /// [`TableError`] if the file cannot be opened.
-    pub fn rows(&self, wanted: Vec<WantedColumn>) -> Result<TableStream, TableError> {
-        Ok(TableStream { rows: Arc::clone(&self.rows).rows(wanted.clone())?, wanted })
+    pub fn rows(
+        &self,
+        wanted: Vec<WantedColumn>,
+        threads: usize,
+    ) -> Result<TableStream, TableError> {
+        Ok(TableStream { rows: Arc::clone(&self.rows).rows_on(wanted.clone(), threads)?, wanted })
     }
 
     /// Formats at most `rows` first rows and about `bytes` bytes as CSV, after a line of names if there are any. If
@@ -151,7 +160,7 @@ impl Table {
             text.extend_from_slice(names.collect::<Vec<_>>().join(",").as_bytes());
             text.push(b'\n');
         }
-        let mut stream = self.rows(wanted)?;
+        let mut stream = self.rows(wanted, 1)?;
         let mut part = TablePart::default();
         let (mut left, part_rows) = (rows, rows.min(64));
         while left > 0 && text.len() < bytes && stream.next(part_rows.min(left), &mut part)? {

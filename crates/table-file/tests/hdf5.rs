@@ -17,7 +17,7 @@ fn read(bytes: Vec<u8>) -> Result<TablePart, TableError> {
     let table = Table::open(&FileSource::Memory(bytes.into()), FileKind::Hdf5, None)?;
     let wanted = (0..table.width()).map(|at| WantedColumn { at, is_text: false });
     let mut part = TablePart::default();
-    table.rows(wanted.collect())?.next(1000, &mut part)?;
+    table.rows(wanted.collect(), 1)?.next(1000, &mut part)?;
     Ok(part)
 }
 

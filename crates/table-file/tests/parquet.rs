@@ -1,10 +1,12 @@
 //! A file written by pyarrow 26 with `write_page_checksum=True`: 24 rows of a number, a decimal, a list of
-//! two, and a number in two nested structs, of which the outer one is null in every third row.
+//! two, and a number in two nested structs, of which the outer one is null in every third row. A file of several row
+//! groups.
 
 #![allow(clippy::disallowed_methods, reason = "tests read files")]
 
 use std::path::Path;
 
+use table_file::write::{Cells, NamedTable};
 use table_file::{ColumnPart, FileKind, FileSource, Table, TablePart, WantedColumn};
 
 fn columns(path: &Path) -> Result<TablePart, String> {
@@ -12,7 +14,7 @@ fn columns(path: &Path) -> Result<TablePart, String> {
     let table = Table::open(&file, FileKind::Parquet, None).map_err(|error| error.to_string())?;
     let wanted = [(0, false), (4, false), (4, true), (3, false), (2, false)];
     let wanted = wanted.map(|(at, is_text)| WantedColumn { at, is_text }).to_vec();
-    let mut rows = table.rows(wanted).map_err(|error| error.to_string())?;
+    let mut rows = table.rows(wanted, 1).map_err(|error| error.to_string())?;
     let mut part = TablePart::default();
     rows.next(100, &mut part).map_err(|error| error.to_string())?;
     Ok(part)
@@ -46,6 +48,30 @@ fn decimals_are_refused_by_name_lists_are_columns_and_null_structs_are_missing()
         assert_eq!(missing.contains(&at), is_missing);
         assert!(if is_missing { values[at].is_nan() } else { values[at] == f64::from(row) });
         assert_eq!(cells[at].text(), if is_missing { String::new() } else { row.to_string() });
+    }
+}
+
+#[test]
+fn columns_are_the_same_on_any_number_of_threads() {
+    let rows = 150_000;
+    let column = |at: usize| (0..rows).map(|row| (row * (at + 1)) as f64).collect::<Vec<f64>>();
+    let names = ["a", "b", "c", "d", "e"];
+    let columns =
+        names.iter().enumerate().map(|(at, name)| (*name, Cells::Full(column(at).into())));
+    let bytes = NamedTable::new(columns).to_parquet().unwrap();
+    let table = Table::open(&FileSource::Memory(bytes.into()), FileKind::Parquet, None).unwrap();
+    for threads in [1, 2, 3, 9] {
+        let wanted = (0..names.len()).map(|at| WantedColumn { at, is_text: false }).collect();
+        let mut stream = table.rows(wanted, threads).unwrap();
+        let (mut found, mut part) = (vec![Vec::new(); names.len()], TablePart::default());
+        // No multiple of the rows of a group.
+        while stream.next(7_001, &mut part).unwrap() {
+            for (found, column) in found.iter_mut().zip(&part.columns) {
+                let ColumnPart::Numbers { values, .. } = column else { panic!("no numbers") };
+                found.extend_from_slice(values);
+            }
+        }
+        assert!(found.iter().enumerate().all(|(at, found)| *found == column(at)), "{threads}");
     }
 }
 

@@ -10,6 +10,8 @@ use shell_data::hint::did_you_mean;
 #[derive(Clone, Debug, PartialEq)]
 pub struct ValueTable {
     pub by: String,
+    /// The column whose rows with the same entry are strides of one trial.
+    pub trial: Option<String>,
     pub quantities: Vec<String>,
     /// Empty cells are missing values.
     pub empty: Vec<usize>,
@@ -43,9 +45,9 @@ fn groups<T, K: Eq + Hash>(
 }
 
 impl ValueTable {
-    /// Reads a table with a header: conditions in the column `by` or the first, values in the
-    /// columns `of` or all others of numbers alone. Rows with one entry in the column `trial` are
-    /// strides of one trial, which resemble each other.
+    /// Reads a table with a header: conditions in the column `by`, otherwise in `condition` or the first; values in
+    /// the columns `of` or all others of numbers alone. Rows with the same entry in the column `trial`, otherwise in
+    /// `file`, are strides of one trial, which resemble each other.
     ///
     /// # Errors
     /// [`ManifestProblem`] if such a column, a column of numbers, a field or any row is missing.
@@ -73,8 +75,10 @@ impl ValueTable {
                 at(1, format!("no column `{name}`{hint}"))
             })
         };
-        let by = by.map_or(Ok(0), find)?;
-        let trial = trial.map(find).transpose()?;
+        let usual = |name: &str| header.iter().position(|column| column == name);
+        let by = by.map_or_else(|| Ok(usual("condition").unwrap_or(0)), find)?;
+        let trial = trial.map(find).or_else(|| usual("file").map(Ok)).transpose()?;
+        let trial = trial.filter(|column| *column != by);
         let of = of.map(|names| names.iter().map(|name| find(name)).collect::<Result<Vec<_>, _>>());
         let of = of.transpose()?;
         let mut rows = Vec::new();
@@ -114,6 +118,7 @@ impl ValueTable {
         });
         Ok(Self {
             by: header[by].clone(),
+            trial: trial.map(|column| header[column].clone()),
             empty: columns
                 .iter()
                 .map(|&column| rows.iter().filter(|row| row[column].is_empty()).count())
@@ -160,6 +165,16 @@ mod tests {
         assert_eq!(rows[0].statistics.trials, 2);
         assert_eq!(rows[0].difference.as_ref().unwrap().mean, 1.0);
         assert_eq!(rows[1].difference, None);
+    }
+
+    #[test]
+    fn tables_of_a_batch_are_read_by_condition_and_file() {
+        let text = "file,condition,x\n1.txt,b,1\n1.txt,b,2\n2.txt,b,4\n";
+        let table = ValueTable::parse(text, None, None, None).unwrap();
+        assert_eq!((table.by.as_str(), table.trial.as_deref()), ("condition", Some("file")));
+        assert_eq!(table.statistics(None, 1)[0].statistics.trials, 2);
+        let by_file = ValueTable::parse(text, Some("file"), None, None).unwrap();
+        assert_eq!((by_file.by.as_str(), by_file.trial), ("file", None));
     }
 
     #[test]

@@ -126,6 +126,11 @@ impl Interleaving {
     /// The largest number of sensors.
     const MOST: usize = 8;
 
+    /// Returns true if columns of this name identify sensors, even by numbers.
+    pub(crate) fn is_identity(name: &str) -> bool {
+        IDENTITIES.contains(&plain(name).as_str())
+    }
+
     /// Finds such a column in the first rows. `columns` are the names and fields of columns without a meaning.
     pub(crate) fn find(columns: &[(&str, Vec<String>)]) -> Option<Self> {
         columns.iter().find_map(|(name, fields)| {
@@ -139,8 +144,8 @@ impl Interleaving {
             values.dedup();
             let is_several = (2..=Self::MOST).contains(&values.len());
             let alternates = fields.len() >= 4 * values.len() && 5 * changes >= 2 * fields.len();
-            let tells = IDENTITIES.contains(&plain_name.as_str())
-                || (is_text && !REMARKS.contains(&plain_name.as_str()));
+            let tells =
+                Self::is_identity(name) || (is_text && !REMARKS.contains(&plain_name.as_str()));
             (tells && is_several && alternates).then(|| Self { column: (*name).to_owned(), values })
         })
     }

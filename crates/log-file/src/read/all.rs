@@ -112,8 +112,16 @@ pub fn read_all<S: Send, T: Send, E: From<LogError>>(
     let logs = &logs[..];
     let threads = threads_for(logs, options);
     let (checksum, meter, checksums) = (options.checksum, ReadMeter::default(), Vec::new());
-    let mut pieces =
-        PiecesOfLogs { logs, plans: &plans, checksum, current: 0, pieces: None, meter, checksums };
+    let mut pieces = PiecesOfLogs {
+        logs,
+        plans: &plans,
+        threads,
+        checksum,
+        current: 0,
+        pieces: None,
+        meter,
+        checksums,
+    };
     let bytes_read = Arc::clone(&pieces.meter.bytes);
     let mut found = vec![ReadSummary::default(); logs.len()];
     let mut skipped_rows = vec![SkippedRows::default(); logs.len()];
@@ -210,6 +218,7 @@ fn check_skipped(
 struct PiecesOfLogs<'a> {
     logs: &'a [&'a Log],
     plans: &'a [ReadPlan],
+    threads: usize,
     checksum: bool,
     current: usize,
     pieces: Option<LogPieces<'a>>,
@@ -234,7 +243,7 @@ impl Pieces for PiecesOfLogs<'_> {
                 none => {
                     self.meter.begin(self.checksum);
                     let wanted = self.plans[self.current].wanted_columns();
-                    none.insert(log.pieces(&wanted, log.chunk_bytes, &self.meter)?)
+                    none.insert(log.pieces(&wanted, log.chunk_bytes, self.threads, &self.meter)?)
                 }
             };
             let any = pieces.next(log, piece)?;

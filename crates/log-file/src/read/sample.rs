@@ -31,7 +31,8 @@ impl Log {
         let is_whole = self.source.is_plain() && !self.layout.header.ends_at_blank();
         if !is_whole || self.bytes_of_rows() <= PIECES * PIECE_BYTES {
             let bytes = (PIECES * PIECE_BYTES) as usize;
-            let mut pieces = self.pieces(&plan.wanted_columns(), bytes, &ReadMeter::default())?;
+            let mut pieces =
+                self.pieces(&plan.wanted_columns(), bytes, 1, &ReadMeter::default())?;
             let mut piece = LogPiece::default();
             if pieces.next(self, &mut piece)? {
                 let filled = buffer.fill(&plan, &mut piece, true);

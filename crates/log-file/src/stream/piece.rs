@@ -26,18 +26,20 @@ pub(crate) enum LogPieces<'a> {
 }
 
 impl Log {
-    /// Cuts the rows into pieces of about `piece_bytes` bytes; for a table, only the requested columns.
+    /// Cuts the rows into pieces of about `piece_bytes` bytes; for a table, only the requested columns, which
+    /// `threads` threads may unpack.
     pub(crate) fn pieces(
         &self,
         wanted: &[WantedColumn],
         piece_bytes: usize,
+        threads: usize,
         meter: &ReadMeter,
     ) -> Result<LogPieces<'_>, LogError> {
         let (source, line) = (&self.source, self.layout.rows_line);
         if !source.is_text() {
             source.read_for_checksum(meter)?;
             let meter = meter.clone();
-            let mut rows = TableRows::new(source, wanted, line, piece_bytes, meter)?;
+            let mut rows = TableRows::new(source, wanted, line, piece_bytes, threads, meter)?;
             let is_time = |of: &WantedColumn| Some(of.at) == self.layout.roles.time && !of.is_text;
             rows.clock = self.layout.clock().zip(wanted.iter().position(is_time));
             return Ok(LogPieces::Rows(rows));

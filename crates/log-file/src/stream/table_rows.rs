@@ -63,6 +63,7 @@ impl<'a> TableSide<'a> {
         wanted: &[WantedColumn],
         columns: std::ops::Range<usize>,
         rows_line: u64,
+        threads: usize,
     ) -> Result<Self, LogError> {
         let own = wanted.iter().enumerate().filter(|(_, wanted)| columns.contains(&wanted.at));
         let (places, wanted): (Vec<_>, Vec<_>) = own
@@ -73,7 +74,7 @@ impl<'a> TableSide<'a> {
         let table = source.as_table();
         let rows = match table {
             Some(table) => {
-                let rows = table.rows(wanted.clone());
+                let rows = table.rows(wanted.clone(), threads);
                 SideRows::Table(rows.map_err(|problem| source.table_error(problem))?)
             }
             None => SideRows::Text(TextRows::new(source.open_alone()?)),
@@ -109,15 +110,16 @@ impl<'a> TableRows<'a> {
         wanted: &[WantedColumn],
         rows_line: u64,
         part_bytes: usize,
+        threads: usize,
         meter: ReadMeter,
     ) -> Result<Self, LogError> {
         let sides = match &source.companion {
-            None => vec![TableSide::new(source, wanted, 0..usize::MAX, rows_line)?],
+            None => vec![TableSide::new(source, wanted, 0..usize::MAX, rows_line, threads)?],
             Some(companion) => {
                 let [first, _] = source.sides.columns;
                 vec![
-                    TableSide::new(source, wanted, 0..first, rows_line)?,
-                    TableSide::new(companion, wanted, first..usize::MAX, rows_line)?,
+                    TableSide::new(source, wanted, 0..first, rows_line, threads)?,
+                    TableSide::new(companion, wanted, first..usize::MAX, rows_line, threads)?,
                 ]
             }
         };

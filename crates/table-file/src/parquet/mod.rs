@@ -11,7 +11,10 @@ mod page;
 mod schema;
 
 use std::io::{Read, Seek, SeekFrom};
+use std::mem::take;
+use std::panic::resume_unwind;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use self::page::ColumnReader;
 use self::schema::{Leaf, LeafType};
@@ -78,7 +81,7 @@ pub(crate) fn open(source: &FileSource) -> Result<FoundTable, TableError> {
         let why = first.map(|(name, why)| format!(": column `{name}` {why}")).unwrap_or_default();
         return Err(KIND.unsupported(format!("no column of numbers or texts{why}")));
     }
-    let mut pages = ParquetSource { file, length, held: 0, unpacked: Unpacked::default() };
+    let mut pages = ParquetSource { file, length, memory: Arc::default() };
     for (at, leaf) in leaves.iter_mut().enumerate().filter(|(_, leaf)| leaf.list.is_some()) {
         let filled = groups.iter().filter(|group| group.rows > 0 && leaf.unread().is_none());
         let mut length = None;
@@ -175,11 +178,45 @@ fn row_group(
     Ok(RowGroup { rows, chunks: chunks.collect::<Result<_, _>>()? })
 }
 
-/// A leaf, and its requested columns: positions in a part and elements in a list.
+/// A leaf, its requested columns, and the values read for a part.
 struct WantedLeaf {
     at: usize,
     is_text: bool,
+    /// Positions in a part and elements in a list.
     places: Vec<(usize, usize)>,
+    reader: Option<ColumnReader>,
+    read: Vec<ColumnPart>,
+}
+
+impl WantedLeaf {
+    fn new(at: usize, is_text: bool, place: (usize, usize)) -> Self {
+        Self { at, is_text, places: vec![place], reader: None, read: Vec::new() }
+    }
+
+    /// Appends the next `rows` rows.
+    fn read(
+        &mut self,
+        source: &mut ParquetSource,
+        leaf: &Leaf,
+        rows: usize,
+    ) -> Result<(), TableError> {
+        let Some(reader) = &mut self.reader else { return Ok(()) };
+        match (&leaf.list, self.read.as_mut_slice()) {
+            (None, [column]) => reader.read(source, leaf, rows, column),
+            (Some(list), columns) => {
+                let mut all = ColumnPart::default();
+                if self.is_text {
+                    all.cells();
+                }
+                reader.read_lists(source, leaf, list, rows, &mut all)?;
+                for (column, &(_, element)) in columns.iter_mut().zip(&self.places) {
+                    column.extend_by_step(&all, element, list.length);
+                }
+                Ok(())
+            }
+            _ => Ok(()),
+        }
+    }
 }
 
 impl RowSource for ParquetTable {
@@ -196,9 +233,20 @@ impl RowSource for ParquetTable {
         self.columns.len()
     }
 
+    fn is_real(&self, column: usize) -> bool {
+        let leaf = self.columns.get(column).and_then(|(at, _)| self.leaves.get(*at));
+        leaf.is_some_and(|leaf| leaf.kind.is_real())
+    }
+
     fn rows(self: Arc<Self>, wanted: Vec<WantedColumn>) -> Result<RowStream, TableError> {
-        let (file, length) = (self.file.open()?, self.file.length()?);
-        let mut source = ParquetSource { file, length, held: 0, unpacked: Unpacked::default() };
+        self.rows_on(wanted, 1)
+    }
+
+    fn rows_on(
+        self: Arc<Self>,
+        wanted: Vec<WantedColumn>,
+        threads: usize,
+    ) -> Result<RowStream, TableError> {
         let mut leaves: Vec<WantedLeaf> = Vec::new();
         for (place, column) in wanted.iter().enumerate() {
             let Some(&(at, element)) = self.columns.get(column.at) else { continue };
@@ -207,61 +255,96 @@ impl RowSource for ParquetTable {
                 |leaf: &&mut WantedLeaf| is_list && leaf.at == at && leaf.is_text == column.is_text;
             match leaves.iter_mut().find(same) {
                 Some(leaf) => leaf.places.push((place, element)),
-                None => {
-                    let places = vec![(place, element)];
-                    leaves.push(WantedLeaf { at, is_text: column.is_text, places });
-                }
+                None => leaves.push(WantedLeaf::new(at, column.is_text, (place, element))),
             }
         }
-        let mut groups = 0..self.groups.len();
-        let (mut rows_left, mut readers): (u64, Vec<ColumnReader>) = (0, Vec::new());
+        let threads = threads.clamp(1, leaves.len().max(1));
+        let sources = (0..threads).map(|_| ParquetSource::open(&self.file));
+        let mut sources = sources.collect::<Result<Vec<_>, _>>()?;
+        let memory = Arc::clone(&sources[0].memory);
+        sources.iter_mut().for_each(|source| source.memory = Arc::clone(&memory));
+        let (mut groups, mut rows_left) = (0..self.groups.len(), 0);
         Ok(Box::new(move |rows, part| {
+            for leaf in &mut leaves {
+                let column = |(place, _): &(usize, usize)| take(&mut part.columns[*place]);
+                leaf.read = leaf.places.iter().map(column).collect();
+            }
             while part.rows < rows {
                 if rows_left == 0 {
                     let Some(group) = groups.next().and_then(|at| self.groups.get(at)) else {
-                        return Ok(());
+                        break;
                     };
                     rows_left = group.rows;
-                    let chunks = leaves.iter().filter_map(|leaf| group.chunks.get(leaf.at));
-                    readers = chunks.map(|chunk| ColumnReader::new(*chunk)).collect();
+                    memory.held.store(0, Ordering::Relaxed);
+                    for leaf in &mut leaves {
+                        leaf.reader = group.chunks.get(leaf.at).map(|at| ColumnReader::new(*at));
+                    }
                 }
                 let count =
                     (rows - part.rows).min(usize::try_from(rows_left).unwrap_or(usize::MAX));
-                source.held = readers.iter().map(ColumnReader::held).sum();
-                for (wanted, reader) in leaves.iter().zip(&mut readers) {
-                    source.held -= reader.held();
-                    let leaf = &self.leaves[wanted.at];
-                    match (&leaf.list, wanted.places.as_slice()) {
-                        (None, [(place, _)]) => {
-                            reader.read(&mut source, leaf, count, &mut part.columns[*place])?;
-                        }
-                        (Some(list), places) => {
-                            let mut all = ColumnPart::default();
-                            if wanted.is_text {
-                                all.cells();
-                            }
-                            reader.read_lists(&mut source, leaf, list, count, &mut all)?;
-                            for &(place, element) in places {
-                                part.columns[place].extend_by_step(&all, element, list.length);
-                            }
-                        }
-                        _ => {}
-                    }
-                    source.held += reader.held();
-                }
+                self.read_leaves(&mut sources, &mut leaves, count)?;
                 part.rows += count;
                 rows_left -= count as u64;
+            }
+            for leaf in &mut leaves {
+                for ((place, _), column) in leaf.places.iter().zip(leaf.read.drain(..)) {
+                    part.columns[*place] = column;
+                }
             }
             Ok(())
         }))
     }
 }
 
-/// The file, with counters of memory and unpacked bytes.
+impl ParquetTable {
+    /// Reads the next rows of all leaves; on several threads if pages have to be unpacked.
+    fn read_leaves(
+        &self,
+        sources: &mut [ParquetSource],
+        leaves: &mut [WantedLeaf],
+        rows: usize,
+    ) -> Result<(), TableError> {
+        let read = |source: &mut ParquetSource, leaves: &mut [WantedLeaf]| {
+            leaves.iter_mut().try_for_each(|wanted| {
+                let leaf = &self.leaves[wanted.at];
+                wanted.read(source, leaf, rows)
+            })
+        };
+        let needs_page =
+            |leaf: &&WantedLeaf| leaf.reader.as_ref().is_some_and(|reader| reader.needs_page(rows));
+        if sources.len() == 1 || leaves.iter().filter(needs_page).count() < 2 {
+            return read(&mut sources[0], leaves);
+        }
+        let share = leaves.len().div_ceil(sources.len());
+        std::thread::scope(|scope| {
+            let shares = sources.iter_mut().zip(leaves.chunks_mut(share));
+            let readers: Vec<_> =
+                shares.map(|(source, leaves)| scope.spawn(|| read(source, leaves))).collect();
+            // The first error in the order of columns, for any number of threads.
+            readers
+                .into_iter()
+                .map(|reader| reader.join().unwrap_or_else(|panic| resume_unwind(panic)))
+                .fold(Ok(()), Result::and)
+        })
+    }
+}
+
+/// A reader of the file, with what all readers of it hold and have unpacked.
 struct ParquetSource {
     file: OpenFile,
     length: u64,
-    /// Memory held by other columns' pages.
-    held: u64,
+    memory: Arc<Memory>,
+}
+
+impl ParquetSource {
+    fn open(file: &FileSource) -> Result<Self, TableError> {
+        Ok(Self { file: file.open()?, length: file.length()?, memory: Arc::default() })
+    }
+}
+
+/// Bytes that are held in pages, and bytes unpacked so far.
+#[derive(Default)]
+struct Memory {
+    held: AtomicU64,
     unpacked: Unpacked,
 }

@@ -1,6 +1,8 @@
 //! Reading the pages of one column, one at a time.
 
 use std::io::{Read, Seek, SeekFrom};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
 
 use super::encoding::{DeltaTexts, Deltas, Integers};
 use super::schema::{Leaf, LeafType, ListLeaf};
@@ -62,7 +64,12 @@ impl ColumnReader {
         Self { chunk, dictionary, dictionary_bytes: 0, page: None, elements: 0 }
     }
 
-    pub(super) fn held(&self) -> u64 {
+    /// Returns true if the next `rows` rows need another page.
+    pub(super) fn needs_page(&self, rows: usize) -> bool {
+        self.page.as_ref().is_none_or(|page| page.left < rows as u64)
+    }
+
+    fn held(&self) -> u64 {
         self.dictionary_bytes + self.page.as_ref().map_or(0, |page| page.bytes)
     }
 
@@ -201,17 +208,30 @@ impl ColumnReader {
         leaf: &Leaf,
         is_text: bool,
     ) -> Result<(), TableError> {
+        let memory = Arc::clone(&source.memory);
+        memory.held.fetch_sub(self.held(), Ordering::Relaxed);
         self.page = None;
+        let read = self.read_page(source, leaf, is_text);
+        memory.held.fetch_add(self.held(), Ordering::Relaxed);
+        read
+    }
+
+    fn read_page(
+        &mut self,
+        source: &mut ParquetSource,
+        leaf: &Leaf,
+        is_text: bool,
+    ) -> Result<(), TableError> {
         let name = &leaf.name;
-        let ParquetSource { file, length: stored, held: others, unpacked } = source;
-        let (stored, others) = (*stored, *others);
+        let ParquetSource { file, length, memory } = source;
+        let (stored, others) = (*length, memory.held.load(Ordering::Relaxed));
         let (head, head_bytes) = self.head(file, name)?;
         let wrong = || KIND.damaged(format!("column `{name}`: the head of a page"));
         let size = |number| head.whole(number).and_then(|size| u64::try_from(size).ok());
         let page_bytes = size(2).ok_or_else(wrong)?;
         let left = self.chunk.end.saturating_sub(self.chunk.at + head_bytes);
         let packed_bytes = size(3).filter(|size| *size <= left).ok_or_else(wrong)?;
-        unpacked.add(KIND, page_bytes, stored)?;
+        memory.unpacked.add(KIND, page_bytes, stored)?;
         let held = others + self.dictionary_bytes + page_bytes;
         budget::check(KIND, format_args!("column `{name}`"), held, stored)?;
         file.seek(SeekFrom::Start(self.chunk.at + head_bytes))?;

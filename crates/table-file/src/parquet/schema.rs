@@ -67,6 +67,10 @@ impl LeafType {
         matches!(self, Self::DayAndTime | Self::Number(Element::Time { .. }))
     }
 
+    pub(super) fn is_real(self) -> bool {
+        matches!(self, Self::Number(Element::Half | Element::Single | Element::Double))
+    }
+
     pub(super) fn opaque(self) -> Option<&'static str> {
         match self {
             Self::Opaque(what) => Some(what),

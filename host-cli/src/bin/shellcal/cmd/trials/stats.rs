@@ -10,13 +10,13 @@ use crate::printer::Printer;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   shellcal stats specific_resistance_per_stride.csv
-  shellcal stats results/strides.csv --by condition --of drag_energy_j --trial file")]
+  shellcal stats results/strides.csv --of drag_energy_j --reference free")]
 pub(crate) struct StatsArgs {
     /// Table, as CSV with a header
     #[arg(value_name = "TABLE")]
     table: InputPath,
 
-    /// Column of conditions [default: the first]
+    /// Column of conditions [default: `condition`, otherwise the first]
     #[arg(long, value_name = "COLUMN")]
     by: Option<String>,
 
@@ -24,7 +24,7 @@ pub(crate) struct StatsArgs {
     #[arg(long, value_name = "COLUMNS", value_delimiter = ',')]
     of: Option<Vec<String>>,
 
-    /// Column that assigns rows to trials; rows of one trial resemble each other
+    /// Column that assigns rows to trials; rows of one trial resemble each other [default: `file`, if there is one]
     #[arg(long, value_name = "COLUMN")]
     trial: Option<String>,
 
@@ -62,7 +62,9 @@ impl StatsArgs {
                 if at > 0 {
                     printer.line("");
                 }
-                printer.line(format!("{quantity} by {}", table.by));
+                let trials = table.trial.as_ref();
+                let trials = trials.map_or_else(String::new, |of| format!(", trials by {of}"));
+                printer.line(format!("{quantity} by {}{trials}", table.by));
                 let rows = rows.iter().filter(|row| row.quantity == *quantity);
                 let numbers: Vec<_> = rows
                     .map(|row| (&*row.condition, &row.statistics, row.difference.as_ref()))
