@@ -104,8 +104,12 @@ impl MemoryState {
                 let readings = readings.iter().map(|column| column[row]);
                 self.averages = readings.cycle().take(count).collect();
             }
-            for (position, (term, average)) in terms.iter_mut().zip(&self.averages).enumerate() {
-                term.push(readings[position % channels][row] - average);
+            // Without a division by the number of channels, which would take most of the time.
+            let by_constant = terms.chunks_mut(channels).zip(self.averages.chunks(channels));
+            for (terms, averages) in by_constant {
+                for ((term, average), column) in terms.iter_mut().zip(averages).zip(readings) {
+                    term.push(column[row] - average);
+                }
             }
             if !is_late {
                 held.iter_mut().zip(readings).for_each(|(held, column)| *held = column[row]);

@@ -198,7 +198,7 @@ fn calibrations_that_do_not_fit_are_refused() {
     let cases = [
         ("eval later.json train.csv", "its schema version is `9`", "later"),
         ("eval field.json train.csv", "missing field `scaling`", ""),
-        ("eval cut.json train.csv", "line ", "shellcal fit --output"),
+        ("eval cut.json train.csv", "line ", "`shellcal fit`"),
         ("eval not.json train.csv", "line 1, column 1: not valid JSON", "shellcal import"),
         ("eval missing.json train.csv", "`missing.json`: cannot read it", ""),
         (
