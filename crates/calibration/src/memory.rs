@@ -47,10 +47,24 @@ pub struct MemoryTerms {
 #[derive(Clone, Debug)]
 pub struct MemoryState {
     memory: MemoryTerms,
-    before: Option<(f64, Vec<f64>)>,
+    /// Time of the last row that was not late; NaN at the start.
+    before: f64,
+    /// Readings of that row; empty at the start.
+    held: Vec<f64>,
     /// `e` of each channel, time constant by time constant.
     averages: Vec<f64>,
     rows: u64,
+}
+
+/// The effect of a row on the averages.
+#[derive(Clone, Copy, PartialEq)]
+enum RowKind {
+    /// They follow the readings held until it.
+    Next,
+    /// None: later rows came before it.
+    Late,
+    /// They start anew.
+    First,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -59,7 +73,8 @@ pub struct NoTime;
 
 impl MemoryTerms {
     pub fn start(&self) -> MemoryState {
-        MemoryState { memory: self.clone(), before: None, averages: Vec::new(), rows: 0 }
+        let (held, averages) = (Vec::new(), Vec::new());
+        MemoryState { memory: self.clone(), before: f64::NAN, held, averages, rows: 0 }
     }
 }
 
@@ -78,45 +93,60 @@ impl MemoryState {
         if by_time && times_s.len() != rows {
             return Err(NoTime);
         }
+        let (kinds, shares) = self.steps(times_s, rows, by_time);
         let count = channels * self.memory.time_constants.len();
-        let mut terms: Vec<_> = (0..count).map(|_| Vec::with_capacity(rows)).collect();
-        let mut shares = vec![0.0; self.memory.time_constants.len()];
-        let mut last_step = f64::NAN;
+        self.held.resize(channels, 0.0);
+        self.averages.resize(count, 0.0);
+        let mut terms = vec![vec![0.0; rows]; count];
+        for (of_constant, shares) in shares.iter().enumerate() {
+            // The channels are independent: four at a time take little longer than one.
+            let mut channel = 0;
+            while channel < channels {
+                let at = of_constant * channels + channel;
+                let (held, readings) = (&self.held[channel..], &readings[channel..]);
+                let (averages, terms) = (&mut self.averages[at..], &mut terms[at..]);
+                channel += match channels - channel {
+                    4.. => follow::<4>(&kinds, shares, readings, held, averages, terms),
+                    _ => follow::<1>(&kinds, shares, readings, held, averages, terms),
+                };
+            }
+        }
+        if let Some(row) = kinds.iter().rposition(|kind| *kind != RowKind::Late) {
+            self.held = readings.iter().map(|column| column[row]).collect();
+        }
+        Ok(terms)
+    }
+
+    /// Returns the kind of the next rows and, for each time constant, the share of the way that an average goes.
+    fn steps(
+        &mut self,
+        times_s: &[f64],
+        rows: usize,
+        by_time: bool,
+    ) -> (Vec<RowKind>, Vec<Vec<f64>>) {
+        let constants = &self.memory.time_constants;
+        let (mut kinds, mut last_step) = (Vec::with_capacity(rows), f64::NAN);
+        let mut shares = vec![Vec::with_capacity(rows); constants.len()];
         for row in 0..rows {
             let time = if by_time { times_s[row] } else { self.rows as f64 };
             self.rows += 1;
-            let (before, held) = self.before.get_or_insert_with(|| (f64::NAN, vec![0.0; channels]));
-            let step = time - *before;
-            let is_late = step < 0.0 && self.memory.gap.is_some_and(|gap| -step <= gap);
-            if step >= 0.0 && self.memory.gap.is_none_or(|gap| step <= gap) {
-                if step != last_step {
-                    for (share, tau) in shares.iter_mut().zip(&self.memory.time_constants) {
-                        *share = -(-step / tau).exp_m1();
-                    }
-                    last_step = step;
-                }
-                for (averages, share) in self.averages.chunks_mut(channels).zip(&shares) {
-                    for (average, held) in averages.iter_mut().zip(&*held) {
-                        *average += share * (held - *average);
-                    }
-                }
-            } else if !is_late {
-                let readings = readings.iter().map(|column| column[row]);
-                self.averages = readings.cycle().take(count).collect();
+            let step = time - self.before;
+            let kind = match self.memory.gap {
+                gap if step >= 0.0 && gap.is_none_or(|gap| step <= gap) => RowKind::Next,
+                Some(gap) if step < 0.0 && -step <= gap => RowKind::Late,
+                _ => RowKind::First,
+            };
+            if kind != RowKind::Late {
+                self.before = time;
             }
-            // Without a division by the number of channels, which would take most of the time.
-            let by_constant = terms.chunks_mut(channels).zip(self.averages.chunks(channels));
-            for (terms, averages) in by_constant {
-                for ((term, average), column) in terms.iter_mut().zip(averages).zip(readings) {
-                    term.push(column[row] - average);
-                }
+            for (shares, tau) in shares.iter_mut().zip(constants) {
+                let last = shares.last().copied().filter(|_| step == last_step);
+                shares.push(last.unwrap_or_else(|| -(-step / tau).exp_m1()));
             }
-            if !is_late {
-                held.iter_mut().zip(readings).for_each(|(held, column)| *held = column[row]);
-                *before = time;
-            }
+            last_step = step;
+            kinds.push(kind);
         }
-        Ok(terms)
+        (kinds, shares)
     }
 
     /// Appends the memory terms to the readings of the next rows, which must have none yet.
@@ -129,6 +159,36 @@ impl MemoryState {
         block.readings.extend(terms);
         Ok(())
     }
+}
+
+/// Computes the terms of `N` channels for one time constant, and returns `N`.
+fn follow<const N: usize>(
+    kinds: &[RowKind],
+    shares: &[f64],
+    readings: &[Vec<f64>],
+    held: &[f64],
+    averages: &mut [f64],
+    terms: &mut [Vec<f64>],
+) -> usize {
+    let columns: [&[f64]; N] = std::array::from_fn(|at| &readings[at][..kinds.len()]);
+    let mut held: [f64; N] = std::array::from_fn(|at| held[at]);
+    let mut moving: [f64; N] = std::array::from_fn(|at| averages[at]);
+    for (row, (kind, share)) in kinds.iter().zip(shares).enumerate() {
+        for at in 0..N {
+            let reading = columns[at][row];
+            match kind {
+                RowKind::Next => moving[at] += share * (held[at] - moving[at]),
+                RowKind::Late => {}
+                RowKind::First => moving[at] = reading,
+            }
+            if *kind != RowKind::Late {
+                held[at] = reading;
+            }
+            terms[at][row] = reading - moving[at];
+        }
+    }
+    averages[..N].copy_from_slice(&moving);
+    N
 }
 
 #[cfg(test)]
