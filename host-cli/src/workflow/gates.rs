@@ -68,6 +68,21 @@ impl Gate {
         self.failures().is_empty()
     }
 
+    /// Summarises the failures in one line; `None` if the gate passes.
+    pub fn summary(&self) -> Option<String> {
+        let failures = self.failures();
+        let above = failures.iter().filter_map(|failure| match failure {
+            GateFailure::Above { axis, .. } => Some(*axis),
+            _ => None,
+        });
+        let above: Axes = above.collect();
+        match above.is_empty() {
+            _ if failures.is_empty() => None,
+            true => Some("not everything that was asked for could be compared".to_owned()),
+            false => Some(format!("above the limit: {above}")),
+        }
+    }
+
     pub fn not_compared(&self) -> Axes {
         let failures = self.failures();
         let axes = failures.iter().filter_map(|failure| match failure {

@@ -32,6 +32,7 @@ use super::mapping::MappingArgs;
 use super::outputs;
 use super::plan::{RigArgs, UntilArg, read_table};
 use super::ports::{SourceArgs, is_port};
+use super::quality::print_screen;
 use super::record::ReferenceSensorArg;
 use crate::files::{InputPath, OutputLocation, create_folder};
 use crate::printer::{Outcome, Printer};
@@ -353,10 +354,7 @@ impl CalibrateArgs {
         };
         printer.finish(&document, |printer| {
             let screen = fitted.fit.verdict().screen(&self.output.display().to_string());
-            screen.headlines().into_iter().for_each(|line| printer.line(line));
-            let header: Vec<&str> = screen.header.iter().map(String::as_str).collect();
-            printer.table(&header, screen.rows.iter().cloned());
-            screen.note_lines().into_iter().for_each(|line| printer.line(line));
+            print_screen(printer, &screen, &Gate::default());
             let used = counted(sitting.used(), "load");
             match check.loads.first() {
                 None => printer.line(format!("{used}; no weight was hung as a check")),

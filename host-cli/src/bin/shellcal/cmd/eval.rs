@@ -183,7 +183,7 @@ impl EvalArgs {
             not_compared: gate.not_compared().columns(),
         };
         printer.finish(&document, |printer| {
-            print_screen(printer, &verdict.screen());
+            print_screen(printer, &verdict.screen(), &gate);
             if reports.len() > 1 {
                 print_logs(printer, &reports, axes);
             }

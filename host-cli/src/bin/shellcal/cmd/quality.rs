@@ -12,6 +12,7 @@ use calibration_file::Diagnostics;
 use serde::Serialize;
 use shell_data::hint::quoted;
 use shell_data::wrench::{Axes, Axis, PerAxis};
+use shellcal::workflow::gates::Gate;
 
 use crate::printer::{Printer, TableColumn};
 use crate::tables::{NOTHING, or_dash, shown};
@@ -30,7 +31,12 @@ pub(super) fn table_row(axis: Axis, sets: &[&PerAxis<AxisQuality>]) -> Vec<Strin
     row
 }
 
-pub(super) fn print_screen(printer: &Printer, screen: &Screen) {
+/// Prints a screen; a limit that is not kept replaces an OK.
+pub(super) fn print_screen(printer: &Printer, screen: &Screen, gate: &Gate) {
+    let not_kept = gate.summary().filter(|_| screen.headline.starts_with("OK"));
+    let headline = not_kept.map(|what| format!("NOT OK: {what}"));
+    let screen =
+        Screen { headline: headline.unwrap_or_else(|| screen.headline.clone()), ..screen.clone() };
     screen.headlines().into_iter().for_each(|line| printer.line(line));
     let header: Vec<&str> = screen.header.iter().map(String::as_str).collect();
     printer.table(&header, screen.rows.iter().cloned());

@@ -88,7 +88,7 @@ impl FitArgs {
         }
 
         if !printer.json() {
-            self.print_screen(&fitted.fit, printer);
+            self.print_screen(&fitted.fit, &gate, printer);
         }
         self.tell(&fitted, printer);
         let seconds = start.elapsed().as_secs_f64();
@@ -100,7 +100,7 @@ impl FitArgs {
         Ok(outcome)
     }
 
-    fn print_screen(&self, fitted: &Fit, printer: &Printer) {
+    fn print_screen(&self, fitted: &Fit, gate: &Gate, printer: &Printer) {
         let written = [&self.output, &self.report, &self.export_matrix, &self.dropped];
         let figure = self.figure.plot.as_ref();
         let written = written.into_iter().flatten().chain(figure);
@@ -109,7 +109,7 @@ impl FitArgs {
             [] => "nothing saved: give -o FILE".to_owned(),
             files => files.join(", "),
         };
-        print_screen(printer, &fitted.verdict().screen(&files));
+        print_screen(printer, &fitted.verdict().screen(&files), gate);
     }
 
     fn fit_logs(
