@@ -168,7 +168,7 @@ impl Batch {
         rows
     }
 
-    /// Drag and lift over the phase of the leg in every condition with phase profiles, over the trials that kept one.
+    /// Drag and lift over the phase of the leg in each condition, merged from the trials that have a phase profile.
     pub fn phases(&self) -> Vec<(String, PhaseProfile)> {
         let results = || self.trials.iter().map(|trial| &trial.evaluated.result);
         let of = |condition: &str| {
@@ -192,7 +192,7 @@ impl Batch {
                     sample.add_cluster(strides.filter_map(|stride| quantity.of(&stride.measures)));
                 }
             }
-            // A stride's drag energy is over its own length, so its share of the trial's error is scaled by its mean.
+            // A stride's drag energy refers to its own length: scale the trial's error by the ratio of their energies.
             match result.row.shared_error(quantity) {
                 Some((parts, degrees)) => {
                     let scale = match (per, quantity.of(&result.row.measures)) {

@@ -14,11 +14,11 @@ use log_file::{Log, ReadOptions};
 use report::Contribution;
 use shell_data::wrench::{Axis, AxisValues, PerAxis};
 
-/// Scatter or mean of the forces, relative to the calibrated loads, above which a log is not of an unloaded
-/// sensor; noise is about a hundredth.
+/// Scatter or mean of the forces, as a share of the calibrated loads, above which the sensor was probably
+/// loaded during a log; noise is about a hundredth.
 const LOADED: f64 = 0.05;
 
-/// Mean force, as a multiple of the error on loads, below which it may be such an error.
+/// A mean force of less than this many times the error on loads may be such an error itself.
 const MEAN_ERRORS: f64 = 3.0;
 
 /// The uncertainty of a single frame, by source. A log of the `unloaded` sensor gives repeatability and drift;
@@ -90,7 +90,7 @@ fn of_noise(
     let standard = by_axis(&found.axes, |scatter| scatter.rms);
     let mean = by_axis(&found.axes, |scatter| scatter.mean.abs());
     let [model, loads] = [known, file.largest_loads()].map(|of| of.unwrap_or([f64::INFINITY; 6]));
-    // The first axis with more than loads leave to an unloaded sensor, and its figures.
+    // The name and figures of the first axis whose value is too large for an unloaded sensor.
     let loaded = |of: PerAxis<f64>, errors: f64| {
         let is_load = |axis: &Axis| {
             let at = axis.index();
@@ -107,7 +107,7 @@ fn of_noise(
             "record the sensor at rest without a load, such as `shellcal record PORT --duration 60 -o rest.csv`",
         ));
     }
-    // Without a constant, only differences from a tare are forces.
+    // A model without a constant gives forces only as differences from a tare.
     let has_zero = file.calibration.polynomial().is_none_or(|of| of.model().intercept);
     if let Some((name, figures)) = loaded(mean, MEAN_ERRORS).filter(|_| has_zero) {
         return Err(WorkflowError::refused(
@@ -131,7 +131,7 @@ fn of_noise(
         false => "the calibration has no zero to compare the mean with".to_owned(),
     };
     let basis = format!("scatter of {frames} frames of the unloaded sensor, `{path}`; {zero}");
-    // Errors of means of many rows do not include the noise of one row.
+    // Errors of means over many rows are smaller than the noise of one row, and do not include it.
     let is_within = |axis: Axis| standard[axis.index()] <= model[axis.index()];
     let is_part = known.is_some() && axes.iter().all(is_within);
     let degrees_of_freedom = Some(frames.saturating_sub(1).max(1) as f64);

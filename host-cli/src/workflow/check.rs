@@ -15,8 +15,8 @@ use report::CheckedLoad;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// A difference may be this many times the 95 % interval, which is three standard errors. In about one
-/// of twenty checks of a dozen numbers each, a sound sensor has a number beyond this limit.
+/// Largest allowed difference, as a multiple of the half-width of the 95 % interval: three standard errors. A
+/// sound sensor exceeds it somewhere in about one of twenty checks of a dozen numbers each.
 const MARGIN: f64 = 1.53;
 
 #[derive(Clone, Debug)]
@@ -28,7 +28,7 @@ pub struct CheckedWeights {
 
 /// Compares the weights of a table with the forces that a calibration gives for their readings. Compares the
 /// `named` axes; without them, all axes of the calibration and any other axis that a weight loads. If the
-/// table has a line without a load, the wrench measured there is the zero that is subtracted.
+/// table has a line without a load, the wrench measured there is subtracted as the zero.
 pub fn check_weights(
     file: &CalibrationFile,
     logs: &[Log],
@@ -116,7 +116,7 @@ fn turned_deg(
     measured: &PerAxis<f64>,
     allowed: &PerAxis<f64>,
 ) -> Option<f64> {
-    /// Relative difference above which it is a different weight.
+    /// Relative difference in size above which the forces are of different weights.
     const SAME_SIZE: f64 = 0.2;
     let part = |wrench: &PerAxis<f64>| -> Vector { std::array::from_fn(|axis| wrench[axis]) };
     let (stated, measured) = (part(stated), part(measured));

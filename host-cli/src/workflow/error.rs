@@ -29,7 +29,7 @@ pub enum WorkflowError {
     Merge(MergeError),
     #[error("no logs were given")]
     NoLogs,
-    /// A calibration that cannot be updated, or loads that do not serve for it.
+    /// A calibration that cannot be updated, or loads that are unsuitable for an update.
     #[error(transparent)]
     Recalibration(#[from] RecalibrationError),
     #[error("`{path}`: {error}")]
@@ -58,7 +58,7 @@ pub enum WorkflowError {
     NoForces,
     #[error("without a calibration there is no drag to find the window in")]
     NoCalibration,
-    /// A log, a table or an option does not serve the request. Callers have no need to tell these errors
+    /// A log, a table or an option is unsuitable for the request. Callers have no need to tell these errors
     /// apart. `hint` is the next step, if one is known.
     #[error("{message}")]
     Refused { message: String, hint: Option<String> },

@@ -7,7 +7,7 @@ use calibration::quality::significant;
 use log_file::Log;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// Fewest rows for a subject to count as compared, together with a tenth of its rows; all rows if it has fewer.
+/// A subject counts as compared with at least this many rows and a tenth of its rows, or with all if it has fewer.
 const LEAST_ROWS: u64 = 10;
 
 /// A list of required comparisons. It passes only if every item was compared, and held.

@@ -192,7 +192,7 @@ pub(super) fn load_name(load: &HungLoad) -> String {
     format!("load `{}` (line {}: {load})", load.group, load.line)
 }
 
-/// Axes to compare for a load: all that are calibrated, which it leaves at zero or loads, and others that it loads.
+/// Axes to compare for a load: all calibrated axes, whether it loads them or not, and any others that it loads.
 pub(super) fn axes_to_compare(load: &HungLoad, calibrated: Axes) -> Axes {
     calibrated.iter().chain(loaded_axes(load).iter()).collect()
 }

@@ -33,8 +33,8 @@ use log_file::{Log, Wanted};
 use shell_data::hint::OTHER_CHANNELS;
 use shell_data::wrench::Axes;
 
-/// The axes of the wrench of a fit to `train`, which all these logs have. The logs of `test` must have them, too;
-/// their other axes are not used. Fails with [`WorkflowError::Refused`] if the training logs have different axes,
+/// The wrench axes for a fit: those of every log in `train`. The logs of `test` must have them, too; their
+/// other axes are not used. Fails with [`WorkflowError::Refused`] if the training logs have different axes,
 /// [`WorkflowError::Log`] if a log has none or a test log lacks some.
 pub fn agree_on_axes(train: &[Log], test: &mut [Log]) -> Result<Axes, WorkflowError> {
     let first = train.first().ok_or(WorkflowError::NoLogs)?;

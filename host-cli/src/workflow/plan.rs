@@ -20,8 +20,8 @@ pub struct RecordedSession {
 }
 
 impl RecordedSession {
-    /// Reads logs, and fits a physics model to them if they determine one. Logs without a wrench, as of `calibrate`,
-    /// have the loads of the `table` hung on the sensor. Fails with [`WorkflowError`] if a log cannot be read, the
+    /// Reads logs, and fits a physics model to them if they determine one. For logs without a wrench, such as those of
+    /// `calibrate`, `table` has the hung loads. Fails with [`WorkflowError`] if a log cannot be read, the
     /// logs differ in their channels or axes, or rows cannot be matched with loads.
     pub fn read(
         logs: &[Log],
@@ -56,7 +56,7 @@ fn labelled(logs: &[Log], read: &ReadOptions<'_>) -> Result<Dataset, WorkflowErr
     Ok(if is_one { data } else { labelled })
 }
 
-/// The rows with their labels; without labels, they are labelled by units that can be held out.
+/// The rows with their labels; if some rows have none, all are labelled by groups that can be held out.
 fn training_rows(data: &Dataset) -> TrainingRows {
     let (rows, _) = TrainingRows::from_dataset(data);
     if rows.row_count() as u64 == data.rows() {
@@ -67,7 +67,7 @@ fn training_rows(data: &Dataset) -> TrainingRows {
     TrainingRows::from_dataset(&labelled).0
 }
 
-/// The means of the poses of a session, from which it is replayed. Fails with [`WorkflowError`] as
+/// The mean of each pose of a session, for a replay of the session. Fails with [`WorkflowError`] as
 /// [`RecordedSession::read`], or if readings or wrench are not finite.
 pub fn observations(
     logs: &[Log],

@@ -106,13 +106,13 @@ pub fn recalibrate(
     Ok(Recalibrated { found, rows, loads: labels.len(), gate, errors })
 }
 
-/// Ratio to the largest calibrated load above which a load is a slip of the pen.
+/// A load of more than this many times the largest calibrated load is probably a typing error.
 const MOST_TIMES: f64 = 10.0;
 
 const WRONG_LOAD: &str =
     "mend the line of the table; where it is right, the sensor is to be calibrated anew";
 
-/// RMS of the differences, in standard errors, that separates loads hung as the table says from others.
+/// Maximum RMS difference, in standard errors, if the loads were hung in the order of the table.
 const AGREES: f64 = 2.0;
 
 /// Two loads that were probably exchanged: the readings at the first fit the second. Found only if another
@@ -185,8 +185,8 @@ pub(super) fn known_errors(file: &CalibrationFile) -> Option<PerAxis<f64>> {
 }
 
 impl Recalibrated {
-    /// Its calibration file: sensor, model and solver from `before`, or `before` itself if nothing has
-    /// changed. `origin` receives solver and errors.
+    /// Returns the updated calibration file, with sensor, model and solver from `before`; or `before` itself if
+    /// nothing has changed. `origin` receives solver and errors.
     pub fn file(&self, before: &CalibrationFile, origin: Origin) -> CalibrationFile {
         let Self { found, errors, loads, .. } = self;
         if found.quantities.is_empty() {

@@ -27,8 +27,8 @@ pub fn found_groups(groups: FoundGroups) -> Remark {
     ))
 }
 
-/// A note on the number of rows of a log that were used: of all rows, of duplicates of the previous row, and
-/// of bad rows.
+/// A note on the rows of a log that were used. The counts are of all rows, of duplicates of the previous row,
+/// and of bad rows.
 pub fn used_rows(log: &Path, used: RowFilter, [rows, repeated, skipped]: [u64; 3]) -> Remark {
     let log = log.display();
     let used = match used {

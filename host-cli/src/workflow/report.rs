@@ -39,7 +39,7 @@ pub fn logs(batch: &Batch) -> Vec<Input> {
     inputs
 }
 
-/// The frames in the windows of trials with a reading that cannot be trusted; `None` without a calibration. Only
+/// The frames in the windows of trials that have an untrustworthy reading; `None` without a calibration. Only
 /// logs whose diagnostics report such frames are read again; the first frames of each are named.
 pub fn doubtful(
     batch: &Batch,

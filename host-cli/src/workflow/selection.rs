@@ -44,9 +44,9 @@ impl TimeWindow {
     }
 }
 
-/// Reads a log as [`Log::read`] does, for a calibration. If it has memory terms, `work` gets the blocks with
-/// these, in order; otherwise on any thread. If rows are to be numbered, it also gets the numbers of the rows from
-/// 0, in order, in place of their times. `wanted` must include the time if the calibration needs it.
+/// Reads a log as [`Log::read`] does, and adds the memory terms of a calibration, if it has any, to the blocks that
+/// `work` gets. `numbers_rows` replaces times by row numbers from 0. In both cases `work` gets the blocks in order,
+/// otherwise on any thread. `wanted` must include the time if the calibration needs it.
 pub(super) fn read_with_memory<T: Send, E: From<LogError>>(
     log: &Log,
     (wanted, read): (&Wanted, &ReadOptions<'_>),

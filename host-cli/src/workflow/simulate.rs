@@ -15,7 +15,7 @@ pub fn curve(model: &Model, label: String, from_m: f64, to_m: f64) -> ChannelCur
     let even = (0..=POINTS).map(|i| from_m + (to_m - from_m) * f64::from(i) / f64::from(POINTS));
     let mut positions: Vec<f64> = even.collect();
     for side in Wall::BOTH.into_iter().filter_map(|wall| model.side(wall)) {
-        // More jumps than points would not show.
+        // A curve cannot show more jumps than it has points.
         for beam in 0..channel.beams.min(POINTS) {
             for position in [side.engagement_m, side.release_m()] {
                 let jump = model.base_m(beam) - position;

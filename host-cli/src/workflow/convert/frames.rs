@@ -19,9 +19,9 @@ pub(super) struct ConvertedFrames {
     pub(super) readings: Vec<Vec<f64>>,
     pub(super) kept: Vec<Vec<f64>>,
     pub(super) texts: Vec<Vec<String>>,
-    /// Three kinds of flags for the channels of a frame: outside the range of the training data; at an end of
-    /// the converter's range or on a plateau of their curve; left out by the model (empty if it leaves none
-    /// out). Bit `i` is channel `i` from 0; channels from 63 up share the last bit.
+    /// Four kinds of flags for the channels of a frame: outside the range of the training data; at an end of the
+    /// converter's range; on a plateau of their curve; left out by the model (empty if it leaves none out). Bit
+    /// `i` is channel `i` from 0; channels from 63 up share the last bit.
     pub(super) flags: [Vec<u64>; 4],
 }
 
@@ -120,7 +120,7 @@ impl FrameConverter<'_> {
         load.map_or(0, |load| load.subtract(times_s, &self.zero, wrench))
     }
 
-    /// The stamps of forces for the times of their rows, s, or for the numbers of the rows.
+    /// Converts the times of rows (s), or their numbers, to the time stamps of their forces.
     fn moved(&self, mut times: Vec<f64>) -> Vec<f64> {
         if let Some(lag) = self.stamp_lag {
             times.iter_mut().for_each(|time| {

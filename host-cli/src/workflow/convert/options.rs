@@ -105,7 +105,7 @@ pub enum OutputFormat {
 #[derive(Clone, Debug, PartialEq)]
 pub struct RecordingFrame {
     pub id: String,
-    /// The frame that it is fixed to, if it is to be written.
+    /// The pose of this frame in its parent; `None` to write none.
     pub mount: Option<FrameMount>,
 }
 

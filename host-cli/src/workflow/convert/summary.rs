@@ -175,7 +175,7 @@ fn short(time_s: f64) -> f64 {
 pub struct LoadSummary {
     /// True if inertia was subtracted, too.
     pub has_inertia: bool,
-    /// The force of turning by 1 rad/s, N, if it is not subtracted; it grows with the square of the rate.
+    /// The centrifugal force at 1 rad/s, N, if it is not subtracted; it grows with the square of the rate.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub turning_n: Option<f64>,
     /// Factor on the accelerations, if their unit was not that of the poses.

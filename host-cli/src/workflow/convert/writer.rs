@@ -13,7 +13,7 @@ use forces::filter::FilterError;
 use forces::sampling::{Rate, Sampling};
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// A time step back by more than this means that the clock was set back; a smaller one is a late frame, s.
+/// A backward time step of more than this, s, means that the clock was set back; a smaller one, a late frame.
 const LATE_S: f64 = 1.0;
 
 pub(super) struct Writer<'a> {

@@ -29,7 +29,7 @@ pub struct FeedState {
 
 impl Feed {
     pub fn state(&self) -> MutexGuard<'_, FeedState> {
-        // A thread that panicked has left the state whole: no operation here can fail half-way.
+        // The state is valid even if a thread panicked: no operation on it can fail half-way.
         lock(&self.0)
     }
 

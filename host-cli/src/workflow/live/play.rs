@@ -14,7 +14,7 @@ use board_link::recording::{BoardFrame, Measured};
 /// How often the clock is checked.
 const TICK: Duration = Duration::from_millis(10);
 
-/// A longer time between two checks, as after the computer was asleep, is not caught up on.
+/// Maximum time between two checks that playback catches up on; more passes while the computer sleeps.
 const LONGEST: Duration = Duration::from_secs(1);
 
 /// A longer step between two rows is skipped instead of waited for, s of the log.
@@ -82,8 +82,8 @@ pub(in crate::workflow) fn saturated(readings: &[f64; CHANNELS]) -> u8 {
     (0..CHANNELS).filter(is_at_end).fold(0, |mask, channel| mask | 1 << channel)
 }
 
-/// Clock that decides which rows are due. If the log jumps, by a pause in the recording or backwards,
-/// playback continues at once.
+/// Clock that decides which rows are due. If the time of the log jumps backwards, or forwards after a pause in
+/// the recording, playback continues at once.
 #[derive(Debug)]
 struct PlayClock {
     speed: f64,
@@ -96,7 +96,7 @@ impl PlayClock {
         Self { speed, set: None, last_s: None }
     }
 
-    /// Number of the next rows, with times `next_s`, that are due. The clock stops while `is_held`.
+    /// The number of rows due, of the next ones with times `next_s`. The clock stops while `is_held`.
     fn due(&mut self, now: Instant, next_s: &[f64], is_held: bool) -> usize {
         let Some(&first_s) = next_s.first() else { return 0 };
         let is_jump = |last_s: f64, time_s: f64| (time_s - last_s).abs() > JUMP_S;
@@ -113,7 +113,7 @@ impl PlayClock {
         self.set = Some((now, now_s));
         let mut due = 0;
         for &time_s in next_s.iter().take_while(|&&time_s| time_s <= now_s) {
-            // The clock is not set for the time after a jump yet.
+            // The next call sets the clock to the time after the jump.
             if due > 0 && self.last_s.is_some_and(|last_s| is_jump(last_s, time_s)) {
                 break;
             }

@@ -12,8 +12,8 @@ const NAME_COLUMNS: &str = "name the columns with `--orientation` or `--accelera
 pub struct MotionColumns {
     /// Columns of orientation. `None` for columns with usual names.
     pub orientation: Option<Vec<ColumnRef>>,
-    /// Their kind. `None` to infer it from names and number: three of gravity, four of a quaternion (x y z
-    /// w), nine of a rotation matrix, row by row.
+    /// Kind of the orientation columns. `None` to infer it from their names and number: three of gravity, four of
+    /// a quaternion (x y z w), nine of a rotation matrix, row by row.
     pub orientation_as: Option<Orientation>,
     /// True if rotations are to the sensor's frame instead of from it.
     pub is_inverse: bool,
@@ -206,7 +206,7 @@ impl FoundColumns {
         vectors(&columns[..columns.len() - rates], 1.0)
     }
 
-    /// Angular velocity of every row, rad/s, from the same columns.
+    /// Angular velocity of every row, rad/s, from the columns of [`Self::positions`].
     pub(super) fn angular_velocity(&self, columns: &[Vec<f64>]) -> Option<Vec<Vector>> {
         self.angular_velocity.as_ref()?;
         vectors(columns, self.rate_unit)

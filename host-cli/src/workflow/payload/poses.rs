@@ -145,7 +145,7 @@ pub fn fit_payload(
         let forces: Vec<Vector> =
             sums.iter().map(|sum| [sum.wrench[0], sum.wrench[1], sum.wrench[2]]).collect();
         let unit = unit_m_s2(first, &accelerations, columns.gravity_m_s2)?;
-        // Some logs contain the reaction to gravity, which an accelerometer measures, with the opposite sign.
+        // An accelerometer measures the reaction to gravity. In logs that contain it, the sign is opposite.
         let by_sign = |unit: f64| -> Result<_, PayloadError> {
             let found = frame_from_forces(&accelerations, &forces, unit)?;
             let gravity: Vec<Vector> = accelerations.iter().map(|a| found.gravity(*a)).collect();
@@ -188,7 +188,7 @@ pub fn fit_payload(
     })
 }
 
-/// One sign of the accelerations is preferred if it leaves less than this share of the other's residual.
+/// The reversed sign of accelerations is chosen if its residual is below this share of the usual sign's.
 const HALF: f64 = 0.5;
 
 fn poses_in(sums: &[Sum], gravity: impl Iterator<Item = Vector>) -> Vec<PayloadPose> {

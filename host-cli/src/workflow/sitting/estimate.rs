@@ -13,8 +13,8 @@ use shell_data::wrench::{Axes, PerAxis};
 
 use crate::workflow::hung_loads::{LoadCorrection, judged};
 
-/// Growth of the squared error on the other loads that makes a load a contradiction: a good load at the edge
-/// of the range hardly changes it.
+/// A load contradicts the others if it multiplies the squared error on them by more than this; a good load at the
+/// edge of the range hardly changes that error.
 const WORSE: f64 = 1.5;
 
 #[derive(Clone, Debug)]
@@ -26,7 +26,7 @@ pub struct Estimate {
     pub upper: PerAxis<f64>,
     /// Squared error on each load while it was held out, relative to the loads of each axis and added over the axes.
     squares: Vec<f64>,
-    /// True for loads that the readings of all contradict.
+    /// True for each load that the readings at all loads contradict.
     suspicious: Vec<bool>,
 }
 
@@ -72,7 +72,7 @@ impl Estimate {
                 .collect();
             (error[axis], upper[axis]) = root_mean(&squares);
         }
-        // Folds need not be in the order of their groups.
+        // The folds need not list the groups in order.
         let mut squares = vec![0.0; loads.len()];
         let groups = choice.folds().into_iter().flatten();
         for (group, errors) in groups.zip(validation.groups()) {
@@ -87,8 +87,8 @@ impl Estimate {
         Ok(Self { calibration, error, upper, squares, suspicious })
     }
 
-    /// Returns true if the newest of the loads contradicts the others: it is suspicious, or the error on the
-    /// others is larger with it than `before` without it.
+    /// Returns true if the newest load contradicts the others: it is suspicious, or the squared error on the
+    /// others exceeds [`WORSE`] times that of `before`, the estimate without it.
     pub(super) fn contradicts(&self, before: &Self) -> bool {
         let others = before.squares.len();
         let sum = |squares: &[f64]| squares.iter().sum::<f64>();
@@ -96,7 +96,7 @@ impl Estimate {
             || sum(&self.squares[..others]) > WORSE * sum(&before.squares)
     }
 
-    /// The wrench that readings mean, N and N·m, with its standard errors.
+    /// The wrench predicted from readings, N and N·m, with its standard errors.
     pub(super) fn wrench(&self, readings: &[f64]) -> (PerAxis<f64>, PerAxis<f64>) {
         let estimate = self.calibration.estimates(&columns([readings].into_iter())).row(0);
         (estimate.wrench, estimate.standard_errors)
@@ -112,8 +112,8 @@ fn columns(rows: impl Iterator<Item = impl AsRef<[f64]>>) -> Vec<Vec<f64>> {
     columns
 }
 
-/// Root of the mean of some squares, and the upper end of its 95 % interval: the mean of squares plus 1.96 of
-/// its standard errors.
+/// Root mean square from the squares, and the upper end of its 95 % interval: the root of the mean plus 1.96
+/// standard errors of the mean.
 fn root_mean(squares: &[f64]) -> (f64, f64) {
     let count = squares.len() as f64;
     let mean = squares.iter().sum::<f64>() / count;

@@ -1,4 +1,4 @@
-//! Faults that are named within the load that shows them.
+//! Faults of a sitting, each reported at the load that shows it.
 
 use std::fmt;
 
@@ -7,19 +7,19 @@ use shell_data::wrench::{Axis, PerAxis};
 
 use super::estimate::Estimate;
 
-/// Difference from the model's prediction, in its errors, from which on a load contradicts the others.
+/// Maximum difference between a load and the model's prediction, in errors of the prediction.
 const FAR: f64 = 5.0;
 
-/// Share of the squared residuals of all readings that makes one channel the culprit.
+/// A channel is at fault alone if it has more than this share of the squared residuals of all readings.
 const ONE_CHANNEL: f64 = 0.9;
 
 /// A fault of a load. Channels count from 0.
 #[derive(Clone, Debug, PartialEq)]
 pub enum SittingFault {
-    /// The channel stands still, while it scattered at other loads.
+    /// The channel has no scatter, but had some at other loads.
     Silent(usize),
     Saturated(usize),
-    /// The reading of one channel is not that of this load, and those of all others are.
+    /// The reading of one channel does not fit this load; the readings of all others do.
     Channel {
         channel: usize,
         /// Its reading, counts.
@@ -27,9 +27,9 @@ pub enum SittingFault {
         /// The reading that belongs to the load, counts.
         expected: f64,
     },
-    /// The readings mean another load, which agrees with all of them.
+    /// The readings do not fit the stated load, and no single channel is at fault.
     Load {
-        /// The axis that is furthest off.
+        /// The axis with the largest difference relative to its error.
         axis: Axis,
         /// Load as stated or as measured by the reference.
         stated: f64,

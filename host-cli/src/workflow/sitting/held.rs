@@ -1,4 +1,4 @@
-//! A load while it was held: means, and what its rows show on their own.
+//! A load while it was held: means, and faults that its rows show without a model.
 
 use live_view::{LiveRow, UnloadedValues};
 use shared_proto::CHANNELS;
@@ -7,14 +7,14 @@ use shell_data::wrench::{Axis, PerAxis};
 
 use super::fault::SittingFault;
 
-/// Share of rows at an end of the converter that makes a channel saturated.
+/// A channel is saturated if more than this share of its rows is at an end of the converter.
 const SATURATED: f64 = 0.5;
 
-/// Scatter at other loads from which on a channel without any is silent, counts: below a third of a count, a
-/// converter may give one value for seconds.
+/// A channel without scatter is silent if its scatter at other loads exceeds this, counts: with less than a third
+/// of a count, a converter may give one value for seconds.
 const LIVELY: f64 = 0.3;
 
-/// Movement of the reference between both halves of a load, in standard errors of their difference.
+/// Maximum movement of the reference between both halves of a load, in standard errors of their difference.
 const MOVED: f64 = 6.0;
 
 /// Movement of the reference below which it is not reported, as a share of the largest load of the axis.
@@ -95,11 +95,11 @@ impl HeldLoad {
     }
 }
 
-/// Movement of the reference between two times without a load that one of the sensor's readings explains, as
-/// shares of the largest load and of the largest excursion: a load that is left on both moves them by similar shares.
+/// Maximum ratio of the movement of the unloaded reference (as a share of the largest load) to that of the sensor's
+/// readings (as a share of their largest excursion). A load that is left on both moves them by similar shares.
 const EXPLAINED: f64 = 2.0;
 
-/// Returns the movement of the reference between two times without a load that the sensor's readings do not explain.
+/// Returns the movement of the unloaded reference between two times, if the sensor's readings do not explain it.
 pub(super) fn moved_unloaded(
     before: &UnloadedValues,
     now: &UnloadedValues,

@@ -6,8 +6,8 @@
 //!          └──────────────────────────── the most informative load ◀───────────────┘
 //! ```
 //!
-//! [`Sitting`] takes rows as they arrive and is at every moment determined by the loads recorded so far, so a sitting
-//! goes on from its log and its table of loads. A log that was recorded before takes the same way, load by load.
+//! [`Sitting`] takes rows as they arrive. Its state depends only on the loads recorded so far, so a sitting can be
+//! resumed from its log and its table of loads. A log that was recorded before is processed likewise, load by load.
 
 mod estimate;
 mod fault;

@@ -20,13 +20,13 @@ use super::held::{HeldLoad, moved_unloaded};
 
 pub const CHECK: &str = "check";
 
-/// Name of the column of a table of recorded loads that has the label of the load in the table of the rig.
+/// Column in a table of recorded loads with the label that each load has in the table of the rig.
 const RIG_COLUMN: &str = "plan_load";
 
-/// Number of loads after which errors on held-out loads are worth a decision.
+/// Minimum number of loads for decisions based on errors on held-out loads.
 const FEWEST: usize = 12;
 
-/// Number of loads that are looked ahead to tell whether the limits can be reached.
+/// Maximum number of further loads that are planned to predict whether the limits can be reached.
 const MOST_AHEAD: usize = 60;
 
 /// Error limits that end the loads: of forces in N and of moments in N·m.
@@ -62,14 +62,14 @@ pub struct Sitting {
     rows: VecDeque<LiveRow>,
     /// Wrench of the reference at the start, without a load.
     zero: PerAxis<RunningVariance>,
-    /// The number of loads, and the first values without a load after them.
+    /// The first values without a load after the newest load, and the number of loads at that time.
     unloaded: Option<(usize, UnloadedValues)>,
     /// True if the guide knows the unloaded sensor.
     is_zeroed: bool,
     takes: Vec<Take>,
     check: Option<Take>,
     skipped: Vec<bool>,
-    /// Scatter of each channel in the loads so far, counts.
+    /// Largest scatter of each channel at any load so far, counts.
     usual: [f64; CHANNELS],
     estimate: Option<Estimate>,
     errors: Vec<ErrorPoint>,
@@ -78,7 +78,7 @@ pub struct Sitting {
 }
 
 impl Sitting {
-    /// Begins a sitting with the loads of a rig. The stated loads hold unless rows have the wrench of a
+    /// Begins a sitting with the loads of a rig. The loads count as stated, unless rows have the wrench of a
     /// reference. `threads` is as in [`Workers::new`].
     pub fn new(rig: HungLoads, limits: ErrorLimits, threads: usize) -> Self {
         let guided = |load: &HungLoad| GuidedLoad {
@@ -149,8 +149,8 @@ impl Sitting {
         self.csv(self.check.iter())
     }
 
-    /// Returns the line of the rig's table that a line of [`table`](Self::table) was recorded for. Fails with the
-    /// label of a load that the rig does not have.
+    /// Returns the line of the rig's table for which each line of `recorded`, a [`table`](Self::table), was
+    /// recorded. Fails with the label of a load that the rig does not have.
     pub fn lines_of(&self, recorded: &HungLoads) -> Result<Vec<usize>, String> {
         let own = || recorded.loads().iter().map(|load| load.group.clone()).collect();
         let labels: Vec<String> = recorded
@@ -207,7 +207,7 @@ impl Sitting {
         &self.rig.loads()[line].group
     }
 
-    /// Returns a label for the rows of a load that no other rows have.
+    /// Returns a label for the rows of a load, unused by other rows.
     fn free_label(&self, line: usize) -> String {
         if self.stage == SittingStage::Check {
             return CHECK.to_owned();
@@ -267,7 +267,7 @@ impl Sitting {
         self.errors.push(ErrorPoint { loads, error: largest(error), upper: largest(upper) });
     }
 
-    /// Uses loads again that a model of fewer loads left out and that agree with this one; returns true if any.
+    /// Uses loads again if an earlier model left them out and the newest agrees with them; returns true if any.
     fn judge_again(&mut self) -> bool {
         let Some(estimate) = &self.estimate else { return false };
         let mut is_any_used = false;
@@ -299,8 +299,8 @@ impl Sitting {
         !self.skipped[line] && self.takes.iter().all(|take| take.line != line)
     }
 
-    /// Returns the most informative of the loads that are left. Says why if the loads that are left cannot
-    /// reach the limits.
+    /// Returns the most informative of the remaining loads. If these cannot reach the limits, `finding` tells the
+    /// reason.
     fn plan(&mut self, was_held: bool) -> Option<usize> {
         let left: Vec<usize> = (0..self.candidates.len()).filter(|&at| self.is_left(at)).collect();
         let candidates: Vec<PerAxis<f64>> = left.iter().map(|&at| self.candidates[at]).collect();
@@ -403,7 +403,7 @@ impl Sitting {
         (!all.is_empty()).then(|| table.to_csv(&all, &[(RIG_COLUMN.to_owned(), of_rig)]))
     }
 
-    /// Compares the reference with itself when first unloaded after the newest load, or before that load.
+    /// Compares the unloaded reference with its first values since the newest load or, at first, before that load.
     fn watch_reference(&mut self, unloaded: UnloadedValues) {
         let loads = self.takes.len();
         if let Some((known, before)) = &self.unloaded {
@@ -418,7 +418,7 @@ impl Sitting {
         self.unloaded = Some((loads, unloaded));
     }
 
-    /// Subtracts the reference's zero from a row, or adds to it at the start.
+    /// Subtracts the reference's zero from a row; at the start, averages the row into that zero instead.
     fn zeroed(&mut self, row: &LiveRow) -> LiveRow {
         if !self.is_zeroed {
             if let Some(wrench) = row.wrench {

@@ -45,7 +45,7 @@ impl RecordedTrial {
         let zero = reading.watch.as_ref().zip(calibration).and_then(|(watch, of)| watch.finish(of));
         let pipeline = reading.setup.map(|(calibration, setup)| setup.finish(calibration));
         let mut pipeline = pipeline.transpose().map_err(TrialError::from)?;
-        // Legs and power keep their times; forces move to them.
+        // The lag shifts forces to the times of legs and power, which are not shifted.
         if let (Some(pipeline), Some(calibration)) = (&mut pipeline, calibration) {
             pipeline.lag = calibration.lag;
         }
