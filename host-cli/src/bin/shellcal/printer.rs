@@ -24,8 +24,8 @@ use shellcal::workflow::remark::Remark;
 use crate::files::{OutputPath, is_standard};
 use crate::tables::{self, TableForm};
 
-/// Outcome of a command that could run, and its exit code. [`Printer::judge`] and [`Printer::decide`] make
-/// one before anything is printed, so a reader that goes away changes nothing.
+/// Outcome of a command that could run, and its exit code. [`Printer::judge`] and [`Printer::decide`] decide it
+/// before anything is printed, so it stays the same if the reader of the output goes away.
 #[must_use]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Outcome {
@@ -97,8 +97,8 @@ impl Printer {
         self.options.json
     }
 
-    /// True if a stream is coloured; `usual` is the choice by the environment: no-color.org, and whether it
-    /// is a terminal.
+    /// True if a stream is coloured. `usual` is the choice without `--color`: by environment variables
+    /// (no-color.org), and true only for a terminal.
     fn is_painted(&self, usual: bool) -> bool {
         match self.options.color {
             ColorChoice::Always => true,

@@ -47,8 +47,8 @@ mod platform {
     use signal_hook::iterator::Signals;
     use signal_hook::low_level::emulate_default_handler;
 
-    /// Listens for signals that end the program by default, or for ignored ones that still stop a command
-    /// that waits for them.
+    /// Listens for the signals that end the program by default; with `are_ignored`, for those that the parent set to
+    /// be ignored, since Ctrl-C and TERM must still stop a command that waits for them.
     pub(super) fn listen(are_ignored: bool) -> io::Result<()> {
         let wanted: &[c_int] = match are_ignored {
             true => &[SIGINT, SIGTERM],

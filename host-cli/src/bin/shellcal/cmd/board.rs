@@ -314,7 +314,7 @@ fn parse_serial(text: &str) -> Result<BoardId, &'static str> {
     Ok(BoardId::from_serial(&serial))
 }
 
-/// Rates whose period in µs fits the command.
+/// Error messages for a rate. The command's field for the period in µs limits the range.
 const RATE: [&str; 2] = ["a number of frames per second", "a rate from 0.001 to 1000000 Hz"];
 
 type BoardClient = Client<Box<dyn Connection>>;

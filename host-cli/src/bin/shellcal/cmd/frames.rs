@@ -180,7 +180,7 @@ impl LiveForceArgs {
         self.calibration.is_some()
     }
 
-    /// The calibration with its options, which are noted; `None` if there is none.
+    /// Reads the calibration, and prints a note of the options; `None` without a calibration.
     pub(crate) fn read(&self, printer: &Printer) -> anyhow::Result<Option<LiveForces>> {
         let Some(path) = &self.calibration else {
             let (TareArgs { tare, no_tare }, low_pass) = (self.zero, self.low_pass);

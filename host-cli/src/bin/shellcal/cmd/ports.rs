@@ -102,7 +102,7 @@ impl SerialArgs {
         }
     }
 
-    /// Refuses what only `stream` can. Fails if `--to` names no board.
+    /// Refuses recipients that only `stream` supports. Fails if `--to` names no board.
     pub(crate) fn expect_board(&self) -> anyhow::Result<()> {
         let is_board = matches!(self.to, Recipient::Board(_));
         anyhow::ensure!(

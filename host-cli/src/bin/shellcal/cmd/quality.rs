@@ -31,7 +31,7 @@ pub(super) fn table_row(axis: Axis, sets: &[&PerAxis<AxisQuality>]) -> Vec<Strin
     row
 }
 
-/// Prints a screen; a limit that is not kept replaces an OK.
+/// Prints a screen. If the gate does not pass, its summary replaces a headline that begins with OK.
 pub(super) fn print_screen(printer: &Printer, screen: &Screen, gate: &Gate) {
     let not_kept = gate.summary().filter(|_| screen.headline.starts_with("OK"));
     let headline = not_kept.map(|what| format!("NOT OK: {what}"));

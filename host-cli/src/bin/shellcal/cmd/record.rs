@@ -111,7 +111,7 @@ impl RecordArgs {
             ..StreamOptions::default()
         };
         let (watcher, streamed) = self.stream.watch(printer, stream, None)?;
-        // Its first sample is there before the first frame.
+        // Wait for the reference's first sample, so that it precedes the first frame.
         let reference = self.reference.reference.as_ref().map(ReferenceSource::open).transpose()?;
         let options = match reference {
             Some(_) => RecordOptions { forces: None, ..options },

@@ -278,7 +278,7 @@ fn serve_page(page: &NetFtPage) -> anyhow::Result<SocketAddr> {
     Err(error).with_context(|| format!("cannot serve `netftapi2.xml` at {at}"))
 }
 
-/// Commands that are obeyed within a second; those after them wait, and hold up who writes them.
+/// Maximum number of commands obeyed within a second; later ones wait in the pipe, which blocks its writer when full.
 const MOST_COMMANDS: u32 = 100;
 
 /// Reads commands from the standard input, one per line. `at_end` is set when there are no more.
@@ -304,8 +304,8 @@ pub(crate) fn commands(
 
 const LONGEST_LINE: u64 = 4096;
 
-/// Reads the standard input on a thread with this name. For each line, `take` returns whether it wants more,
-/// or the error in it. `at_end` is set when there are no more.
+/// Reads the standard input on a thread with this name. For each line, `take` returns true if it wants more lines,
+/// or the error in the line. `at_end` is set when there are no more.
 pub(crate) fn each_line(
     name: &str,
     printer: &Printer,
@@ -316,7 +316,7 @@ pub(crate) fn each_line(
     let listen = move || {
         let mut input = io::stdin().lock();
         let mut line = Vec::new();
-        // The rest of a longer line is taken for another line.
+        // A longer line is split.
         while input.by_ref().take(LONGEST_LINE).read_until(b'\n', &mut line).is_ok_and(|n| n > 0) {
             match take(String::from_utf8_lossy(&line).trim_end_matches(['\r', '\n'])) {
                 Ok(true) => {}

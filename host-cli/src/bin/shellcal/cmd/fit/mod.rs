@@ -211,7 +211,7 @@ impl FitArgs {
         self.fit(printer)
     }
 
-    /// Requires the errors on all rows that were not used for the fit: those held out, and those of the test logs.
+    /// Requires errors within the limits on all rows that were not used for the fit: held-out rows and test logs.
     fn ask_errors(&self, fitted: &Fit, gate: &mut Gate) {
         let (limits, axes) = (self.limits.of(None), fitted.calibration.axes);
         let train = format!("`{}`", self.train[0].display());
@@ -276,7 +276,7 @@ impl FitArgs {
         let model = self.model.unwrap_or(Basis::Cubic.into());
         let basis = match (model, self.groups) {
             (ModelRule::Given(basis), _) => basis,
-            // Its sums serve every model that is compared.
+            // The sums for this model serve every model that is compared.
             (ModelRule::Auto, Some(_)) => Basis::Poly3,
             (ModelRule::Auto, None) => {
                 anyhow::bail!("`--partial` needs one model, or `--groups` for `merge --model auto`")

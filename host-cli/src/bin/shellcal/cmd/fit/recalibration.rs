@@ -43,7 +43,7 @@ impl FitArgs {
         if is_contradicted {
             outcome = printer.decide(false);
         }
-        // The calibration from before errs less than one that was bent to contradictory loads.
+        // The old calibration has smaller errors than one fitted to contradictory loads.
         if let Some(output) = output.filter(|_| !is_contradicted) {
             let was = SourceFile {
                 role: Role::Calibration,

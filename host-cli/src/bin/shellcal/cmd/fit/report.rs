@@ -138,7 +138,7 @@ fn comparison(found: &ModelComparison) -> impl Serialize + use<> {
     }
 }
 
-/// A ratio and its standard error, both of its logarithm.
+/// The logarithm of a ratio, and its standard error.
 fn log_ratio(ratio: FoldMean) -> [f64; 2] {
     [ratio.value, ratio.standard_error]
 }

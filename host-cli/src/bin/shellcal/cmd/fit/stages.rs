@@ -12,7 +12,7 @@ pub(super) struct StageTimes(Mutex<Running>);
 struct Running {
     stage: &'static str,
     since: Instant,
-    /// In the order in which the stages first started.
+    /// Total time of each ended stage, in the order in which the stages first started.
     ended: Vec<(&'static str, Duration)>,
 }
 

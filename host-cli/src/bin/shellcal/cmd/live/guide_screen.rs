@@ -15,7 +15,7 @@ const LETTER: usize = 8;
 const LEAST_ROWS: u16 = 20;
 const MOST_LINES: usize = 2;
 
-/// Size of the curve of errors, and the least number of rows of a screen for it.
+/// Rows and maximum columns of the curve of errors, and the minimum number of rows of a screen that shows it.
 const CURVE: u16 = 4;
 const MOST_OF_CURVE: u16 = 72;
 const ROOM_FOR_CURVE: u16 = 34;

@@ -160,7 +160,7 @@ impl LiveArgs {
         watcher: Option<Box<dyn Watcher>>,
         feed: Feed,
     ) -> anyhow::Result<FrameSource> {
-        // The view ends by itself, and ends the recording.
+        // The view ends after the duration, and ends the recording.
         let options = RecordOptions { forces, duration: None, ..self.source.options()? };
         let source = Source::port(self.source.serial.port(port), true)?;
         Ok(recording(source, Sinks { log, watcher, ..Sinks::default() }, options, feed))
@@ -183,7 +183,7 @@ impl LiveArgs {
     }
 }
 
-/// Prints the address, and a warning of what others who can reach it may do.
+/// Prints the address, and a warning if other machines can reach it.
 fn announce(printer: &Printer, at: SocketAddr, address: &str) -> anyhow::Result<()> {
     if !at.ip().is_loopback() {
         printer.warning(
@@ -212,8 +212,8 @@ pub(super) fn recording(
     })
 }
 
-/// Shows a session while `frames` come on another thread, until these end, the user ends it, or `is_over`
-/// after this time. Returns how the frames ended.
+/// Shows a session while `frames` come on another thread, until these end, the user ends it, or `is_over` is true
+/// of the session and the time since its start. Returns the result of `frames`.
 pub(super) fn show<G: LoadGuide>(
     printer: &Printer,
     session: &mut LiveSession<G>,

@@ -121,7 +121,7 @@ impl BeamKind {
     }
 }
 
-/// Values of one list or range at most, so that a slip of a digit does not fill the memory.
+/// Maximum number of values in a list or range: a typing error must not fill the memory.
 const MOST_VALUES: f64 = 1e6;
 
 /// Parses a quantity: a number with one of the units of its dimension, or in SI units without one.

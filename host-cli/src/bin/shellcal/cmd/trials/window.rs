@@ -13,7 +13,7 @@ type LogWindow = (String, Result<Proposal, NoWindow>);
 impl TrialArgs {
     pub(super) fn propose(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let mut equipment = self.evaluation.equipment(TraceExtent::Log)?;
-        // Windows are found without a delay, whatever the options.
+        // Find windows in drag that was filtered without delay, regardless of the options.
         equipment.options.forces = equipment.options.forces.with_delay(false);
         anyhow::ensure!(
             equipment.calibration.is_some(),
