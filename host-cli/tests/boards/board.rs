@@ -15,7 +15,7 @@ pub(crate) fn pty() -> (TTYPort, String) {
     (board, host.name().unwrap())
 }
 
-/// Records from the port `adapter` once it exists: a later program inherits the board's end.
+/// Starts a recording that waits for the port `adapter`. If started later, it would inherit the board's end.
 pub(crate) fn start_before_the_port(dir: &Path, arguments: &str) -> Child {
     Command::new("sh")
         .arg("-c")

@@ -56,7 +56,7 @@ impl RatedBoard {
                 });
                 for (number, command) in answers {
                     let answer = answer(&command);
-                    // Before the answer, since a test looks as soon as the host has that.
+                    // Act before answering: the test looks at the effect as soon as the host has the answer.
                     match (command, answer) {
                         (Command::SetBaud { baud }, Answer::Done) => {
                             trial = Some((rate, Instant::now() + Duration::from_secs(3)));

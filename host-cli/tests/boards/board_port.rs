@@ -131,7 +131,7 @@ fn answer(command: &Command, upload: &mut Vec<u8>, crc: &mut u32, keeps: bool) -
         Command::SetPeriod { period_us } if *period_us < 1000 => {
             Answer::Refused(Refusal::PeriodTooShort { shortest_us: 3_000 })
         }
-        // Firmware from before the physics model knows only the size of powers.
+        // Firmware older than the physics model accepts only calibrations with powers, which have this size.
         Command::BeginCalibration { size, .. } if *size != 668 => {
             Answer::Refused(Refusal::WrongSize)
         }
@@ -243,7 +243,7 @@ fn commands_to_two_boards_need_a_serial_number() {
         let (port, name) = pty();
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = Arc::clone(&stop);
-        // Both boards answer a query, and one an order that names it.
+        // Both boards answer a query; a command with a serial number is answered only by that board.
         let thread = thread::spawn(move || {
             let mut orders = Vec::new();
             serve(port, &stopped, |number, to, command| {

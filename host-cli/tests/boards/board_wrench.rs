@@ -29,8 +29,8 @@ fn frames(log: &Path, first: usize, step: usize) -> Vec<[u16; CHANNELS]> {
     text.lines().skip(1).step_by(step).map(frame).collect()
 }
 
-/// Returns the largest difference between board and host on an axis, in standard errors, over
-/// frames whose channels the host all takes.
+/// Returns the largest difference between board and host on an axis, in standard errors, over the
+/// frames of which the host uses every channel.
 fn worst(calibration: &Calibration, frames: &[[u16; CHANNELS]]) -> f64 {
     let Kind::Physics(host) = &calibration.kind else { panic!("not the physics model") };
     let mut board = Converter::new(for_board(calibration).unwrap());
@@ -55,7 +55,7 @@ fn worst(calibration: &Calibration, frames: &[[u16; CHANNELS]]) -> f64 {
     worst
 }
 
-/// The host stops a thousandth of a standard error from the minimum, the board a small part of a
+/// In standard errors. The host stops within a thousandth of the minimum, the board within a small part of a
 /// hundredth, with variances of an earlier step. Rounding, 2⁻²⁴ of a reading, is 10⁻⁵ of its noise.
 const TOLERANCE: f64 = 0.01;
 

@@ -296,7 +296,6 @@ fn missing_files_are_errors() {
     );
 }
 
-/// Findings that the recordings' authors know of.
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
 fn findings_on_real_recordings_are_those_that_their_authors_would_agree_with() {

@@ -20,7 +20,7 @@ use crate::board::{pty, sound_status};
 use crate::doctor::examine;
 use crate::recording::calibration;
 
-/// More boards and programs may be late beside the other tests.
+/// With more boards and programs at once, some may be late while other tests run.
 const BOARDS_AT_ONCE: usize = 8;
 
 #[derive(Clone)]
@@ -40,7 +40,7 @@ enum Sends {
     Answers,
     /// Samples without a start and no answers, framed by the radio.
     Samples(Framing),
-    /// Answers of this version of the protocol to any question.
+    /// Answers any question in this version of the protocol.
     Version(u8),
     Noise,
     Nothing,
@@ -114,7 +114,7 @@ fn other_version(version: u8) -> Vec<u8> {
             })
         })
     };
-    // With this mask no byte is zero, so that COBS is a length in front.
+    // With this mask no byte is zero, so COBS only adds a length byte in front.
     let packet = |mask: u8| {
         let masked: Vec<u8> = [0].iter().chain(&content).map(|byte| byte ^ mask).collect();
         let crc = match version {
@@ -193,7 +193,7 @@ fn run(plan: &Plan, board: &mut TTYPort, stop: &AtomicBool) {
             }
             _ => continue,
         };
-        // At the rate that was set, however long the machine takes.
+        // Keep to the rate that was set, even on a busy machine.
         let due = started.elapsed().as_micros() / u128::from(plan.status.period_us);
         while u128::from(sent) < due {
             if let Some(sample) = (plan.sample)(sent) {
@@ -300,7 +300,7 @@ fn planted_faults_of_boards_are_found() {
             Plan {
                 sample: |index| {
                     let clock_us = (1_000_000 + index * 100_000) as u32;
-                    // Too few, however long the program listens.
+                    // Send too few samples, however long the program listens.
                     (index < 15).then_some(Sample { clock_us, ..sample(index)? })
                 },
                 ..Plan::with_status(|status| status.period_us = 100_000)
@@ -336,7 +336,7 @@ fn planted_faults_of_boards_are_found() {
                 scope.spawn(move || {
                     let board = Running::start(plan);
                     let arguments = format!("{} --listen 1 {options}", board.port);
-                    // No reading is within this calibration of random numbers.
+                    // This calibration consists of random numbers, so no reading is in its range.
                     let (_, mut found, report) = examine(dir, &arguments);
                     found.retain(|(check, _)| check != "range" && check != "channels-swapped");
                     let found: Vec<_> =
@@ -377,7 +377,7 @@ fn a_port_in_use_names_the_other_program() {
     let _ = other.wait();
 }
 
-/// Repeats [`examine`] without an answer: a busy machine or lossy radio may lose every attempt.
+/// Repeats [`examine`] until the board answers: a busy machine or lossy radio may lose an attempt.
 fn examine_patiently(dir: &Path, arguments: &str) -> (Vec<(String, String)>, String) {
     let is_deaf = |found: &[(String, String)]| found.iter().any(|(check, _)| check == "deaf");
     let mut attempts = (0..20).map(|_| examine(dir, arguments));

@@ -14,7 +14,7 @@ use system_tests::program::{self, Recording, Running, succeed};
 struct Screen {
     cells: Vec<Vec<char>>,
     at: (usize, usize),
-    /// The end that is no whole sequence or character.
+    /// The last bytes, which are not a complete sequence or character yet.
     rest: Vec<u8>,
     bytes: Vec<u8>,
 }
@@ -93,7 +93,7 @@ impl Screen {
             let end = rest.find(|c: char| c.is_ascii_alphabetic())?;
             rest[end..].starts_with('m').then(|| rest[..end].to_owned())
         });
-        // Sequences that only reset styles are none.
+        // Sequences that only reset styles do not count.
         let takes_back = |s: &String| ["", "0", "39", "49", "59", "39;49"].contains(&s.as_str());
         sequences.into_iter().any(|sequence| !takes_back(&sequence))
     }
@@ -361,8 +361,8 @@ fn a_kilohertz_is_shown_and_recorded_whole_under_any_input() {
         let log = Recording::read(&dir.join(log));
         let index = log.numbers("index");
         assert!(index.len() > 500, "{} rows", index.len());
-        // A board whose line is blocked drops frames and counts them, modulo 256: before it numbers
-        // them, so that numbers have no gap, or on the way to the line.
+        // A board whose line is blocked drops frames and counts them, modulo 256. Frames dropped before they are
+        // numbered leave no gap in the numbers; frames dropped on the way to the line do.
         let dropped = log.numbers("dropped");
         for (index, dropped) in index.windows(2).zip(dropped.windows(2)) {
             let by_board = (dropped[1] - dropped[0]).rem_euclid(256.0);
@@ -372,8 +372,8 @@ fn a_kilohertz_is_shown_and_recorded_whole_under_any_input() {
         let marked = log.text("flags").iter().filter(|flags| flags.contains("mark")).count();
         assert_eq!(marked, 1);
         let at = log.text("flags").iter().position(|flags| flags.contains(mark)).unwrap();
-        // The row is the first unwritten one at the moment on the screen, or up to half a second
-        // later. The time has a resolution of 1 ms.
+        // The marked row is the first that was not yet written at the time on the screen, or one up to half a
+        // second later. The time has a resolution of 1 ms.
         let time_s = log.numbers("t_s")[at];
         let name = format!("{} at ", mark.replace("mark", "mark "));
         let told = said.split(&name).nth(1).unwrap().split(' ').next().unwrap();

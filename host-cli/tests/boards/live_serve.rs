@@ -12,7 +12,7 @@ use serde_json::Value;
 use system_tests::program::{self, Recording, Running, ended, succeed};
 use system_tests::random::Random;
 
-/// Says nothing about the expected duration.
+/// Timeout of every wait, far longer than any is expected to take.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 struct View {
@@ -241,7 +241,7 @@ fn requests_without_token_or_with_another_host_name_are_refused() {
         ] {
             assert_eq!(status(&ask(method, &format!("{path}{query}"), at)), "403", "{path}{query}");
         }
-        // A name that another site has let point to this machine.
+        // Another site's name that resolves to this machine.
         for host in ["evil.example", "evil.example:80", "127.0.0.1.evil.example", ""] {
             let target = format!("{path}?token={token}");
             assert_eq!(status(&ask(method, &target, host)), "421", "{path} {host}");
@@ -320,7 +320,7 @@ fn malformed_requests_are_refused_and_harmless() {
     while is_served() {
         seats.push(view.listen());
         assert!(seats.len() < 100, "there is no end of seats");
-        // It has its seat when it is answered.
+        // A client has its seat once it is answered.
         let mut first = String::new();
         _ = seats.last_mut().unwrap().0.read_line(&mut first);
     }
@@ -336,7 +336,7 @@ fn listeners_that_read_nothing_cost_the_log_no_frame() {
     calibrate(dir);
     let _board = crate::live::Board::start_at(dir, 100);
     let view = View::start(dir, "board --start --calibration cal.json --output log.csv");
-    // They ask for events and take none, until the system keeps no more for them.
+    // These clients request events but read none, until the system's buffers for them are full.
     let stuck: Vec<_> = (0..3).map(|_| view.listen()).collect();
     let mut events = view.listen();
     let time_s = |event: &Value| event["picture"]["time_s"].as_f64();

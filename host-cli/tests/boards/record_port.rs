@@ -22,7 +22,7 @@ use crate::recording::{assert_rows_are, calibration, column, frame, read_log};
 /// Sends frames at 200 Hz, from the opening of the port on.
 struct Sender {
     stop: Arc<AtomicBool>,
-    /// Number of frames sent, and the bytes of this sender's.
+    /// Number of frames sent, also by earlier senders; and of bytes sent by this one.
     sent: Arc<AtomicU64>,
     bytes: Arc<AtomicU64>,
     thread: JoinHandle<TTYPort>,
@@ -64,8 +64,8 @@ impl Sender {
         self.thread.join().unwrap()
     }
 
-    /// Stops once the program has read all: the file of raw bytes, flushed while it records, has
-    /// grown by that much from `length`.
+    /// Stops, and waits until the program has read all: the file of raw bytes, flushed while it records, has
+    /// grown from `length` by the bytes sent.
     fn stop_when_read(self, raw: &Path, length: u64) -> TTYPort {
         let bytes = Arc::clone(&self.bytes);
         let board = self.stop();
@@ -145,8 +145,8 @@ fn kill_after(moment: Duration) {
     let (board, port) = pty();
     let path = dir.path().join("log.csv");
     let mut child = start(dir.path(), &format!("record {port} -o log.csv"));
-    // The program makes the log when the port is open; before, the pty would keep frames for it if
-    // another test's program has inherited its other end.
+    // The program creates the log once the port is open. Do not send before: if another test's program has
+    // inherited the other end, the pty keeps the frames.
     let deadline = Instant::now() + Duration::from_secs(60);
     while !path.exists() {
         assert!(Instant::now() < deadline, "nobody has opened the port");
@@ -213,7 +213,7 @@ fn an_adapter_that_comes_back_goes_on_in_the_same_log() {
     sender.wait_for(80);
     let board = sender.stop_when_read(&raw, 0);
     let length = captured(&raw);
-    // The new pty first, so that it does not get the old one's name.
+    // Open the new pty before the old one is closed, so that it does not get the old name.
     let (again, port) = pty();
     drop(board);
     fs::remove_file(&link).unwrap();
@@ -308,7 +308,7 @@ fn live_lines(columns: usize, calibration: &str) -> Vec<String> {
     let terminal = program_end.name().unwrap();
     let open = || fs::OpenOptions::new().read(true).write(true).open(&terminal).unwrap();
     let (board, port) = pty();
-    // Otherwise the program waits for the channels' timing, at most for 120 frames.
+    // Without `--as-sampled` the program first waits for the channels' timing, for up to 120 frames.
     let plain = "--no-tare --as-sampled";
     // A separate session, so that this terminal is the program's.
     let mut child = std::process::Command::new("setsid")
@@ -330,7 +330,7 @@ fn live_lines(columns: usize, calibration: &str) -> Vec<String> {
         if let Ok(count) = user.read(&mut buffer) {
             shown.extend_from_slice(&buffer[..count]);
         }
-        // Once a second line has forces, the first is there whole.
+        // Once a second line has forces, the first is complete.
         if !is_ending && shown.windows(2).filter(|text| text == b"Fz").count() > 1 {
             program::interrupt(&child);
             is_ending = true;

@@ -86,7 +86,7 @@ fn losses_are_marked_where_they_are_and_counted_by_kind() {
 #[test]
 fn sequence_and_clock_unwrap() {
     let dir = tempfile::tempdir().unwrap();
-    // 65,536 numbers; at 0.1 s the clock of 71.58 min wraps within 70,000 frames.
+    // Frame numbers wrap after 65,536, and the clock after 71.58 min: both within 70,000 frames of 0.1 s.
     let slow = |index: u64| Sample { clock_us: (index * 100_000) as u32, ..sample(index) };
     let packets = (0..70_000).map(|index| Packet::Sample(slow(index)));
     let bytes: Vec<u8> = packets.flat_map(|packet| on_the_wire(&packet, Framing::Cobs)).collect();
@@ -232,7 +232,7 @@ fn forces_are_tared_on_the_first_frames_which_are_flagged() {
         assert_eq!(logged[..10], wrench[..10]);
         let zero = wrench[..10].iter().sum::<f64>() / 10.0;
         for (logged, wrench) in logged[10..].iter().zip(&wrench[10..]) {
-            // A mean and a difference of numbers up to 1e6 (far outside the training data) round.
+            // Rounding of a mean and a difference of numbers up to 1e6, far outside the training data.
             assert!((logged - (wrench - zero)).abs() < 1e-9 * wrench.abs().max(zero.abs()));
         }
     }
@@ -298,7 +298,7 @@ fn a_board_of_another_version_is_an_error() {
     let dir = tempfile::tempdir().unwrap();
     let mut bytes = Vec::new();
     for number in 1..100_u8 {
-        // Version 4, kind 4, no zeros, so COBS is a length in front; the mask is 0x80.
+        // Version 4, kind 4, mask 0x80. There are no zeros, so COBS only adds a length byte in front.
         let plain = [&[0x44, number, 1][..], &[7; 22]].concat();
         let masked = plain.iter().map(|byte| byte ^ 0x80);
         let mut packet: Vec<u8> = std::iter::once(0x80).chain(masked).collect();

@@ -20,10 +20,10 @@ use crate::recording::column;
 
 const SERIAL: [u8; 12] = *b"restart-test";
 
-/// Programs of other tests inherit the board's end: a pulled cable shows when the last has ended.
+/// Programs of other tests may inherit the board's end: a pulled cable is noticed when the last has ended.
 const PATIENCE: Duration = Duration::from_secs(600);
 
-/// After a reset.
+/// Status after a reset.
 const FRESH: Status = Status {
     streaming: false,
     calibrated: false,

@@ -46,7 +46,7 @@ fn a_board_over_tcp_works_with_board_record_and_doctor() {
         "{said}"
     );
 
-    // One host at a time: another hears the end at once.
+    // The board serves one host at a time, and closes another connection at once.
     let address = port.strip_prefix("tcp://").unwrap();
     let first = TcpStream::connect(address).unwrap();
     // The board looks for its host every 10 ms.

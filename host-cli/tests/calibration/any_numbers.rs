@@ -67,7 +67,7 @@ fn standard_errors_by_group_equal_those_of_exact_sums() {
         succeed(dir, &format!("fit train.csv --model {model} -o exact.json"));
         let (_, said) =
             ended(dir, &format!("fit volts.csv --model {model} --verbose -o volts.json"), 0);
-        // Nothing is lost here: no message on inexact sums, and none on independent rows.
+        // No precision is lost here, so there is no message on inexact sums or independent rows.
         assert!(!said.contains("exact"), "{said}");
         assert!(!said.contains("independent"), "{said}");
         let (exact, volts) = (document(dir, "exact.json"), document(dir, "volts.json"));
@@ -128,8 +128,8 @@ fn merged_r_factors_are_the_fit_over_all_files() {
         succeed(dir, "merge c.json a.json --partial late.json");
         succeed(dir, &format!("merge late.json b.json {ridge} -o other.json"));
         let whole = converted(dir, "whole.json", "volts.csv");
-        // Conditions of some hundred, or 1e4 without a constant, in double precision; features and
-        // their scale are rounded once more for each file.
+        // Condition numbers are some hundred, or 1e4 without a constant, in double precision; features
+        // and their scale are rounded once more for each file.
         let relative = if model.contains("no-intercept") { 1e-9 } else { 1e-12 };
         for name in ["merged.json", "other.json"] {
             assert_close(&converted(dir, name, "volts.csv"), &whole, relative);

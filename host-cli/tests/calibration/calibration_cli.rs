@@ -290,7 +290,7 @@ fn an_edited_calibration_needs_an_option_and_an_impossible_one_is_refused() {
         let command = command.replace("CAL", "before.json");
         let error = refused(&dir, &command);
         assert!(error.contains("say so with `--edited`"), "{command}: {error}");
-        // It is read, even if another step fails later.
+        // The file is read, even if another step fails later.
         let output = program::output(dir.path(), &format!("{command} --edited"));
         let said = String::from_utf8_lossy(&output.stderr);
         assert!(!said.contains("checksum"), "{command}: {said}");
@@ -416,7 +416,7 @@ fn an_option_value_mistaken_for_a_file_is_named() {
         let said = program::run(dir, command, 2);
         assert!(said.contains("is no file") && said.contains(joined), "{command}: {said}");
     }
-    // A file of that name is a file.
+    // If a file has that name, the value means the file.
     fs::copy(dir.join("train.csv"), dir.join("95")).unwrap();
     program::run(dir, "convert cal.json --interval 95 -o out.csv", 0);
     let said = program::run(dir, "convert cal.json 96 --interval", 2);

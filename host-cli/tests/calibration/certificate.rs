@@ -70,7 +70,7 @@ fn a_certificate_states_what_is_known_and_what_is_missing() {
         |name: &str| (number(&of(name)[2]), of(name)[8].parse::<f64>().unwrap_or(f64::INFINITY));
     let parts = ["model and mounting", "drift of the zero", "reference"].map(first);
     let expected = found.powi(4) / parts.iter().map(|(u, nu)| u.powi(4) / nu).sum::<f64>();
-    // Three digits are shown, in fourth powers.
+    // The terms are fourth powers of numbers that are shown with three digits.
     assert!((degrees / expected - 1.0).abs() < 0.05, "{degrees} {expected}");
     let k = said["coverage_factor"][0].as_f64().unwrap();
     assert!((number(&of("expanded")[2]) / (k * found) - 1.0).abs() < 5e-3, "{budget:?}");
@@ -78,7 +78,7 @@ fn a_certificate_states_what_is_known_and_what_is_missing() {
     // A log with loads has no repeatability.
     let said = refused(&dir, "report cal.json --certificate --unloaded train.csv -o no.html");
     assert!(said.contains("`train.csv` is of a loaded sensor: Fx scatters by"), "{said}");
-    // Neither has one under a constant load, 300 counts on the first channel.
+    // Nor has a log under a constant load, here 300 counts on the first channel.
     let (rest, s1) = (fs::read_to_string(dir.path().join("rest.csv")).unwrap(), 1);
     assert!(rest.starts_with("t_s,s1,"), "{rest}");
     let moved = |line: &str| {

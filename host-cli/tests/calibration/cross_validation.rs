@@ -164,7 +164,7 @@ fn errors_keep_their_digits_where_almost_nothing_is_left_of_large_squares() {
         squares += errors(&calibration, &test)[0].0;
     }
     let rms = (squares / block.rows as f64).sqrt();
-    // Predictions near 1 are good to 1e-15, and errors of 1e-6 to 1e-9 of themselves.
+    // Predictions near 1 are accurate to 1e-15, so errors of 1e-6 have a relative accuracy of 1e-9.
     assert!((found.grouped[0].rms / rms - 1.0).abs() < 1e-8);
 }
 
@@ -197,8 +197,8 @@ fn a_group_that_alone_moves_a_channel_is_named_and_not_counted() {
 
 #[test]
 fn a_group_with_large_readings_alone_goes_the_slow_way_to_the_same_answer() {
-    // Without the first group the features are almost dependent: channel 2 is channel 1 but for one
-    // count in very few rows, and its square makes that worse.
+    // Without the first group the features are almost dependent: channel 2 differs from channel 1 by
+    // one count in very few rows, and powers of both are even closer to dependent.
     let mut block = poses(9, 6, 200, 600.0, 0.01, |z, axis| z[axis % 2]);
     let first = block.readings[0].clone();
     for (row, (reading, first)) in block.readings[1].iter_mut().zip(&first).enumerate() {
@@ -318,7 +318,7 @@ fn a_model_that_is_best_on_new_poses_earns_no_warning_for_any_ratio() {
 
 #[test]
 fn the_ridges_reach_beyond_the_best_or_say_that_they_do_not() {
-    // Readings that say nothing of the loads: the stronger the penalty, the better.
+    // The readings are independent of the loads: the stronger the penalty, the better.
     let block = poses(15, 30, 40, 300.0, 1.0, |_, _| 0.0);
     let found =
         select(&sums(&block, Basis::Linear, 0), true, &selection::RIDGES).unwrap().selection;

@@ -76,7 +76,7 @@ fn readings_in_sixteenths_of_a_count_are_as_exact_as_whole_ones() {
         for basis in Basis::ALL {
             let model = Model { basis, intercept, channels: 4, memory: 0 };
             let mut fit = moments(&rows, basis).solve(&model, 0.0).unwrap();
-            // The rational solution needs whole numbers: sixteenfold, the features are the same.
+            // The rational solution needs whole readings: times 16, they have the same features.
             let Scaling { centre, scale } = &mut fit.solution.scaling;
             centre.iter_mut().chain(scale).for_each(|s| *s *= 16.0);
             assert!(worst(&whole, &model, &fit) <= NEAREST);

@@ -28,7 +28,7 @@ fn exact(value: f64) -> BigRational {
     BigRational::from_float(value).unwrap()
 }
 
-/// Bits after the binary point that hold every component of a wrench.
+/// Number of bits after the binary point that represent every component of a wrench exactly.
 const BITS: u32 = 80;
 
 /// Features and wrench as whole numbers, the latter in units of 2^-[`BITS`].
@@ -103,7 +103,7 @@ fn residual(block: &Block, calibration: &Calibration) -> Vec<BigRational> {
     sums
 }
 
-/// By a quotient of about 64 bits.
+/// Converts by way of a quotient of about 64 bits.
 fn to_f64(value: &BigRational) -> f64 {
     let shift = 64 + value.denom().bits() as i64 - value.numer().bits() as i64;
     let quotient: BigInt = if shift >= 0 {

@@ -58,7 +58,7 @@ fn loss(moments: &ExactSums, basis: Basis, intercept: bool) -> RankLoss {
     }
 }
 
-/// Mixes rows, if `step` has no divisor in common with their number.
+/// A mixed order of rows. `step` must not have a common divisor with their number.
 fn mixed(rows: usize, step: usize) -> Vec<usize> {
     (0..rows).map(|i| i * step % rows).collect()
 }
@@ -226,7 +226,7 @@ fn readings_with_fractions_are_the_same_integers_in_other_units() {
     for ((fine, coarse), power) in tenths.coefficients.iter().zip(&coarse.coefficients).zip(powers)
     {
         for (fine, coarse) in fine.iter().zip(coarse) {
-            // A tenth of a count over an eighth of the scale: 0.8 of the feature. Twice a rounding.
+            // A tenth of the reading over an eighth of the scale is 0.8 of the feature. Allow two roundings.
             let expected = coarse.to_f64() / 0.8_f64.powi(power);
             assert!((fine.to_f64() / expected - 1.0).abs() < 1e-15);
         }

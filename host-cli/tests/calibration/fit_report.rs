@@ -97,7 +97,7 @@ fn the_report_names_missing_data() {
     assert!(fs::read_to_string(dir.join("up.csv")).unwrap().starts_with("t_s,"));
 }
 
-/// Models that are fitted again without each fold err there as the cross-validation says, which found its errors from sums.
+/// Models that are refitted without each fold have the errors on it that cross-validation derived from sums.
 #[test]
 fn residuals_of_held_out_rows_add_up_to_the_cross_validation() {
     let path = data("synthetic-train.csv");
@@ -123,7 +123,7 @@ fn residuals_of_held_out_rows_add_up_to_the_cross_validation() {
     }
 }
 
-/// Groups are all rows, each once: the squares of their errors add up to those of the fit.
+/// The groups contain every row once, so the squares of their errors add up to those of the fit.
 #[test]
 fn errors_by_group_add_up_to_those_of_the_fit() {
     let path = data("synthetic-train.csv");

@@ -141,7 +141,7 @@ fn recordings_between_jumps_of_the_clock_are_held_out_where_there_are_no_poses()
         "{talk}"
     );
     assert_eq!(plain["cross_validation"], fit(&dir, "named.csv --cv").0["cross_validation"]);
-    // Motion in one go is held out by time.
+    // Uninterrupted motion is held out by blocks of time.
     fs::write(dir.path().join("one.csv"), text(&rows[..500], "")).unwrap();
     let (one, talk) = fit(&dir, "one.csv --cv");
     assert!(talk.contains("found 40 blocks of time, 12 to 13 rows"), "{talk}");

@@ -1,4 +1,4 @@
-//! `shellcal eval` with limits: exit 0 only if all axes asked for are compared and below them.
+//! `shellcal eval` with limits: exit code 0 only if all requested axes are compared, and are within their limits.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -186,7 +186,7 @@ fn morning() -> TempDir {
     dir
 }
 
-/// A table of zero loads, but for those of `more` lines.
+/// Writes `loads.csv`, a table of loads with these lines.
 fn loads(dir: &TempDir, lines: &str) {
     let header = "group,mass_g,x_mm,y_mm,z_mm,azimuth_deg,elevation_deg";
     fs::write(dir.path().join("loads.csv"), format!("{header}\n{lines}")).unwrap();
@@ -230,7 +230,7 @@ fn a_load_that_was_not_weighed_does_not_pass() {
             1,
             "My of load `weight` differ by more than is to be expected",
         ),
-        // One within the errors would pass even if it does not hang.
+        // A weight within the errors would pass even if it did not hang.
         (
             format!("{zero}{}", weight.replace("200", "0.1")),
             "cal.json loads.csv light.csv",

@@ -107,7 +107,7 @@ fn errors(dir: &Path, calibration: &str) -> Vec<f64> {
     errors.iter().map(|axis| axis["rms"].as_f64().unwrap()).collect()
 }
 
-/// Mean of the ratios of squares, as a ratio.
+/// Root mean square of the ratios.
 fn ratio(found: &[f64], reference: &[f64]) -> f64 {
     let squares: f64 = found.iter().zip(reference).map(|(a, b)| (a / b).powi(2)).sum();
     (squares / found.len() as f64).sqrt()
@@ -133,7 +133,7 @@ fn a_mistyped_angle_is_named_and_neither_it_nor_small_ones_spoil_the_calibration
         let named: Vec<usize> = (0..48).filter(|&at| !loads[at]["suspicious"].is_null()).collect();
         assert_eq!(named, [wrong], "seed {seed}");
         assert_eq!(loads[wrong]["suspicious"], "direction");
-        // Within 30° plus its own 2°.
+        // The typing error of 30°, to within three times the stated error of 2°.
         let angle = loads[wrong]["angle_correction_deg"][0].as_f64().unwrap();
         assert!((24.0..36.0).contains(&angle), "seed {seed}: {angle}");
         let ratio = ratio(&errors(dir, "typed.json"), &errors(dir, "true.json"));
@@ -141,8 +141,8 @@ fn a_mistyped_angle_is_named_and_neither_it_nor_small_ones_spoil_the_calibration
     }
 }
 
-/// Half as many loads, springs that creep and stick, and no errors stated: an angle of a load of 2 N that is 30° off is
-/// mostly named. Lighter loads move by less than such springs and so few loads tell.
+/// Half as many loads, springs that creep and stick, and no stated errors: if the angle of a load of 2 N is 30° off, it
+/// is mostly named. Errors of lighter loads are too small to be found with such springs and so few loads.
 #[test]
 fn a_mistyped_angle_is_named_under_creep_and_without_stated_errors() {
     let mut named = 0;

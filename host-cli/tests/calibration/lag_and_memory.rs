@@ -105,8 +105,8 @@ impl Beside {
     }
 }
 
-/// Arrival times cannot show a constant delay of the reference. `fit` finds some rows of it in moving loads, and `align` any,
-/// as the offset of the log from itself.
+/// Arrival times cannot show a constant delay of the reference. From moving loads, `fit` finds a delay of some rows,
+/// and `align` finds any delay, as the offset of the log from itself.
 #[test]
 fn the_constant_delay_of_a_reference_beside_the_board_is_found_in_the_loads() {
     let dir = tempfile::tempdir().unwrap();
@@ -133,7 +133,7 @@ fn the_constant_delay_of_a_reference_beside_the_board_is_found_in_the_loads() {
     let [offset_s, error_s] =
         ["offset_s", "offset_se_s"].map(|name| found["clock"][name].as_f64().unwrap());
     println!("250 ms: found {:.1} ± {:.1} ms", 1e3 * offset_s, 1e3 * error_s);
-    // `align` knows creep as lags of the axes; that of single sensors moves the offset by some ms.
+    // `align` models creep as lags of the axes; creep of single sensors moves the offset by some ms.
     assert!((offset_s - 0.25).abs() < 0.01 && error_s < 5e-3, "{found}");
 }
 

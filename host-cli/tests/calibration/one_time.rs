@@ -15,7 +15,7 @@ use crate::recording::{column, read_log};
 
 const AXES: [&str; 6] = ["fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"];
 
-/// Share of the errors by which they may differ: forces and loads are straight between rows.
+/// Allowed relative difference between the errors: forces and loads are interpolated linearly between rows.
 const SAME: f64 = 0.02;
 
 fn numbers(path: &Path, name: &str) -> Vec<f64> {
@@ -31,8 +31,8 @@ fn stamps(table: &Path) -> Vec<f64> {
     }
 }
 
-/// Root mean square of forces at some times less the load of a table, straight between its rows. After its last row no
-/// load is known.
+/// Root mean square difference between forces at some times and the loads of a table, interpolated linearly between
+/// its rows. Times after its last row do not count.
 fn rms_by_time(table: &Path, times_s: &[f64], forces: &[f64], axis: &str) -> f64 {
     let (known_s, loads) = (stamps(table), numbers(table, axis));
     let load = |time_s: f64| {
@@ -86,8 +86,8 @@ fn a_lag_is_made_up_for_alike_in_every_command() {
     let compared: Vec<f64> = compared["axes"].as_array().unwrap().iter().map(of).collect();
     assert_same(&compared, &expected, "compare");
 
-    // Forces of a trial keep the rows' times: they are straight between moments at 0.7 and 0.3 of a
-    // row, which averages independent errors, to no less than the root of 0.7² + 0.3².
+    // Forces of a trial keep the rows' times: they are interpolated from neighbours with the weights 0.7 and
+    // 0.3, which averages independent errors, to no less than the root of 0.7² + 0.3².
     let file = CalibrationFile::read(&dir.join("lag.json")).unwrap();
     let profile = Profile::velociroach();
     let forces = forces::ForceOptions::RAW;
@@ -110,8 +110,8 @@ fn a_lag_is_made_up_for_alike_in_every_command() {
     assert!(said.contains("t_s is the time of the readings + 3.50 ms"), "{said}");
 }
 
-/// Without a clock the number of the row is the time: forces keep it, less the lag, so that a join by row gives the errors
-/// of `eval`.
+/// Without a clock, row numbers are the times. `convert` adds the lag to the number of each force's row, so a join by
+/// this number gives the errors of `eval`.
 #[test]
 fn a_lag_in_rows_is_made_up_for_in_the_numbers_of_the_rows() {
     let folder = tempfile::tempdir().unwrap();
@@ -152,8 +152,8 @@ fn calibrations_that_differ_by_rounding_are_alike() {
     }
 }
 
-/// The lag of this sensor is 0.3 rows. Its logs have no clock: rows err by number, and with a clock of their rate by time, as
-/// `eval` says.
+/// The lag of this sensor is 0.3 rows. Its logs have no clock: joined by row number, or by time after a clock is added,
+/// converted forces have the errors of `eval`.
 #[test]
 #[ignore = "needs the recordings"]
 fn rows_of_another_labs_sensor_err_by_time_as_eval_says() {

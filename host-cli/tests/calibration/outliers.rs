@@ -109,7 +109,7 @@ fn every_corrupt_row_that_moves_a_held_out_error_is_named_and_no_other() {
     println!("{corrupted} rows, {that_matter} of which move an error by a tenth");
     assert!(that_matter > 30, "{that_matter} of {corrupted}");
     assert!(missed.is_empty(), "{missed:?}");
-    // One of 100,000 may be: these are 125,000.
+    // One of 100,000 good rows may be named; these are 125,000.
     assert!(wrong.len() <= 1, "{wrong:?}");
 }
 
@@ -167,7 +167,7 @@ fn effects_are_those_on_the_written_model_and_impossible_predictions_are_not_quo
     let said = talk("fit load.csv --model linear");
     assert!(said.contains("1 suspicious row; RMS error on the other rows"), "{said}");
     assert!(said.contains("Fz is predicted"), "{said}");
-    // A polynomial finds the rows, not the written model.
+    // A polynomial finds the suspicious rows, not the model that is written.
     let said = talk("fit load.csv --model physics");
     assert!(said.contains("1 suspicious row\n"), "{said}");
     // A cubic polynomial predicts kilonewtons from such a reading.

@@ -119,7 +119,7 @@ fn auto_compares_physics_on_the_same_folds_and_reports_its_choice() {
     assert!(said.contains("`--export-matrix` is for polynomials"), "{said}");
 }
 
-/// Limits from a prototype whose constants were chosen on these poses: no proof for others.
+/// The limits are from a prototype whose constants were chosen on these poses, so they prove nothing for others.
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
 fn poses_of_a_real_sensor_that_were_left_out_are_found_again() {

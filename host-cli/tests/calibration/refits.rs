@@ -59,8 +59,8 @@ fn fits_without_groups_have_the_errors_that_exact_sums_tell() {
         let (exact, _) = fit(dir.path(), &format!("{cv} {options}"));
         for solver in ["tsqr", "svd"] {
             let (refitted, _) = fit(dir.path(), &format!("{cv} {options} --solver {solver}"));
-            // Condition numbers below 1e4 in double precision. A ridge is about the mean of the
-            // fitted rows here, of all rows there.
+            // Condition numbers below 1e4 in double precision. A ridge is about the mean of the fitted
+            // rows in refits, and of all rows in sums.
             let tolerance = if options.contains("ridge") { 1e-5 } else { 1e-9 };
             assert_same(&held_out(&refitted), &held_out(&exact), tolerance);
             let count = |report: &serde_json::Value| report["cross_validation"]["folds"].as_u64();
@@ -75,9 +75,9 @@ fn readings_that_no_sum_takes_exactly_are_validated_too() {
     let (counts, volts) = (folder(1.0), folder(3.3 / 4095.0));
     let (expected, _) = fit(counts.path(), "--cv --model quadratic");
     let (found, said) = fit(volts.path(), "--cv --model quadratic -o cal.json");
-    // Content assigns rows at random, so that figure differs.
+    // The content of the rows determines the random split, so its errors differ.
     assert_same(&held_out(&found)[..6], &held_out(&expected)[..6], 1e-8);
-    // At condition numbers below 1e4 nothing is lost.
+    // At condition numbers below 1e4 no precision is lost.
     assert_eq!(said.matches("not solved exactly").count(), 0, "{said}");
     let chosen = |dir: &TempDir, options: &str| {
         let (report, _) = fit(dir.path(), &format!("--model auto {options}"));

@@ -10,7 +10,7 @@ use crate::recording::column;
 
 const CHANNELS: usize = 6;
 
-/// Evenly spread between −1 and 1, the same in every run.
+/// Uniformly distributed numbers between −1 and 1, the same in every run.
 struct Draws(u64);
 
 impl Draws {
@@ -60,7 +60,7 @@ fn log(poses: usize, from_c: f64, to_c: f64, seed: u64) -> String {
 }
 
 impl Draws {
-    /// N and N·m.
+    /// A random load, N and N·m.
     fn load(&mut self) -> [f64; 6] {
         std::array::from_fn(|axis| if axis < 3 { 4.0 * self.next() } else { 0.2 * self.next() })
     }

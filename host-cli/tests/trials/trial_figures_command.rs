@@ -330,7 +330,7 @@ fn figures_are_as_wide_as_the_columns_of_a_paper() {
         let pdf = String::from_utf8_lossy(&pdf).into_owned();
         let page = pdf.split("/MediaBox [0 0 ").nth(1).unwrap().split(' ').next().unwrap();
         assert!((page.parse::<f64>().unwrap() - width_mm / 25.4 * 72.0).abs() < 0.006, "{page}");
-        // 600 pixels to the inch, the last of them begun.
+        // 600 pixels to the inch, rounded up.
         let png = fs::read(dir.join("boxes.png")).unwrap();
         let width = u32::from_be_bytes(png[16..20].try_into().unwrap());
         assert_eq!(f64::from(width), (width_mm / 25.4 * 600.0_f64).ceil(), "{size}");

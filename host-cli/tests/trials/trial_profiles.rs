@@ -55,7 +55,7 @@ fn power_comes_from_the_available_columns() {
         let (document, texts) = evaluate(dir, columns);
         let row = &document;
         let energy_j = row["electrical_energy_j"].as_f64().unwrap_or_else(|| panic!("{document}"));
-        // Sums of 200 rows, straight from row to row as the power itself is.
+        // Rounding of sums over 200 rows. The power is linear from row to row, as the integral assumes.
         assert!((energy_j / expected_j - 1.0).abs() < 1e-12, "{names}: {energy_j} J, {texts}");
         // P̄/(m·g·v̄) with l = 0.28 m of the base, in 2 s.
         let resistance = row["specific_resistance"].as_f64().unwrap();

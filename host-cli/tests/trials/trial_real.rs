@@ -15,7 +15,7 @@ use trial::{Instrument, Profile, TraceExtent, Trial, TrialOptions, TrialResult, 
 const TRIAL: &str =
     "skinproc/velociroach_s=10cm_w=5.5cm_h=27cm_layer=3_ply=6_f=13Hz_beetleshell_run3.txt";
 const MATRIX: &str = "skinproc/N_matrix_trial9.csv";
-/// Its ends are between rows.
+/// Times of entering and leaving, s. Both are between rows.
 const WINDOW: (f64, f64) = (3.0004, 7.5007);
 
 /// Log and matrix, read by independent code.

@@ -81,7 +81,7 @@ fn the_tutorial_leads_from_nothing_to_the_report() {
     assert!(columns > 100, "{columns}");
 }
 
-/// Names of a column in the reference: its own, or with the ends of its row.
+/// Names of a column in the reference: its own, or the first and last of its series, as `s1` … `s8`.
 fn named(column: &str) -> Vec<String> {
     let first = |prefix: &str| {
         let number = column.strip_prefix(prefix).and_then(|rest| rest.parse::<u8>().ok());

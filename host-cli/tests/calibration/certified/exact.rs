@@ -34,7 +34,7 @@ pub(crate) fn to_f64(value: &BigRational) -> f64 {
     libm::ldexp(i128::try_from(quotient).unwrap() as f64, -shift as i32)
 }
 
-/// Columns over one common denominator each.
+/// Columns of integers, each with the denominator that its elements share.
 struct Integers {
     columns: Vec<Vec<BigInt>>,
     denominators: Vec<BigInt>,
@@ -55,9 +55,9 @@ fn integers(columns: &[Vec<BigRational>]) -> Integers {
     Integers { columns: scaled.collect(), denominators }
 }
 
-/// Returns the coefficients that minimise `‖X·C − Y‖`, by columns of `Y`, and how often each row
-/// counts; `None` if the columns of `X` are dependent. By Bareiss's fraction-free elimination of
-/// `[XᵀX | XᵀY]`.
+/// Returns the coefficients that minimise `‖X·C − Y‖`, by columns of `Y`, where row `i` counts
+/// `times(i)` times; `None` if the columns of `X` are dependent. Uses Bareiss's fraction-free
+/// elimination of `[XᵀX | XᵀY]`.
 pub(crate) fn solve(
     x: &[Vec<BigRational>],
     y: &[Vec<BigRational>],

@@ -62,7 +62,7 @@ impl Problem {
 }
 
 /// Returns the digits of the worst coefficient: the log relative error of McCullough (The American
-/// Statistician 52, 1998), for zero coefficients of the absolute error.
+/// Statistician 52, 1998), or the log absolute error if the true coefficient is zero.
 pub(crate) fn digits(solved: &Mat<f64>, truth: &[Vec<BigRational>]) -> f64 {
     let mut worst = ALL_DIGITS;
     for (a, truth) in truth.iter().enumerate() {

@@ -46,7 +46,7 @@ fn problem(random: &mut Random) -> Problem {
     Problem::new(format!("{rows} × {columns}, condition {condition:.1e}"), x, y)
 }
 
-/// One column is an exact combination of others of any condition.
+/// A problem in which one column is an exact combination of one or two others, or zero.
 fn deficient(random: &mut Random) -> Problem {
     let columns = 2 + below(random, 6);
     let rows = columns + 1 + below(random, 12);

@@ -50,7 +50,7 @@ fn render(headings: &[&str], lines: &[Line]) -> String {
         write!(table, "| {label} |").unwrap();
         for digits in digits {
             match digits {
-                // Rounded down, so that no digit is claimed that is not there.
+                // Round down, so that the table claims no digit that a method did not get.
                 Some(d) => write!(table, " {:.1} |", (d.min(ALL_DIGITS) * 10.0).floor() / 10.0),
                 None => write!(table, " – |"),
             }

@@ -18,7 +18,7 @@ use simulation::synthetic_log::SyntheticLayout;
 use system_tests::random::Random;
 use system_tests::real_recording;
 
-/// At 10 Hz.
+/// Number of rows of a pose, at 10 Hz.
 const POSE_ROWS: usize = 20;
 
 /// One session on one instrument, its poses divided at random into as many to train and to test on.

@@ -19,7 +19,7 @@ struct Parted {
 }
 
 impl Parted {
-    /// Groups, the last column, in consecutive parts: memory needs the rows before a row.
+    /// Divides groups, named in the last column, into consecutive parts: memory terms need the rows before a row.
     fn by_group(text: &str, parts: usize) -> Self {
         let mut lines = text.lines();
         let header = lines.next().unwrap().to_owned();
@@ -37,7 +37,7 @@ impl Parted {
         Self { header, rows: rows.into_iter().map(part).collect() }
     }
 
-    /// Shuffled rows, assigned to parts in turn.
+    /// Assigns rows, which are already shuffled, to parts in turn.
     fn by_row(channels: usize, lines: impl Iterator<Item = String>, parts: usize) -> Self {
         let names = (1..=channels).map(|channel| format!("s{channel}"));
         let names: Vec<String> = names.chain(AXES.map(str::to_owned)).collect();

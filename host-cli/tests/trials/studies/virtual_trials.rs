@@ -233,7 +233,7 @@ fn a_window_found_in_a_log_is_where_the_beams_were_touched() {
         let ses = [found.t_enter_se_s, found.t_exit_se_s];
         squares += off.iter().zip(ses).map(|(off, se)| (off / se).powi(2)).sum::<f64>();
     }
-    // Errors of the size of their standard errors, which know only one trial's sway.
+    // Errors are about as large as their standard errors, which are estimated from one trial's sway.
     let ratio = (squares / 40.0).sqrt();
     assert!((0.4..2.5).contains(&ratio), "{ratio}");
     for seed in 0..10 {
