@@ -212,7 +212,7 @@ pub(super) struct Style {
     pub(super) size: f64,
     pub(super) anchor: Anchor,
     pub(super) bold: bool,
-    /// Rotated by a quarter turn to the left, to be read from below.
+    /// Rotated by a quarter turn to the left, so that it reads upwards.
     pub(super) upright: bool,
 }
 

@@ -46,8 +46,8 @@ impl ColourScale {
     }
 }
 
-/// Doublings of cells after which neighbours still touch: about twice as many cells per axis as the
-/// square root of the number of points, and no smaller than a pixel.
+/// Number of times to double the width of cells, so that neighbours touch. About twice as many cells
+/// as the square root of the number of points remain per axis, none of them smaller than a pixel.
 pub(super) fn doublings<const X: usize, const Y: usize>(
     histogram: &Histogram2d<X, Y>,
     pixels: f64,

@@ -289,7 +289,7 @@ fn core(marginal: &[(ValueRange, u64)], points: u64) -> Option<ValueRange> {
     Some(ValueRange { low, high })
 }
 
-/// The distribution over `shown` in some fifty equal bins: middle and share of the fullest.
+/// The counts over `shown` in at most 64 bins, each with its range; only the last may be narrower.
 fn profile(marginal: &[(ValueRange, u64)], shown: ValueRange) -> Vec<(ValueRange, u64)> {
     let inside: Vec<_> =
         marginal.iter().filter(|(r, _)| r.high > shown.low && r.low < shown.high).collect();

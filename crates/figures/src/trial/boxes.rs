@@ -11,7 +11,7 @@ const HEIGHT: f64 = 150.0;
 const PITCH: f64 = 185.0;
 const KEY_PITCH: f64 = 15.0;
 const FILL: Colour = Colour(0xd8e6f0);
-/// Most values of a condition that are drawn as points: their quartiles say little.
+/// Maximum number of values of a condition that are drawn as points: quartiles of so few say little.
 const MOST_POINTS: usize = 12;
 
 /// Draws a box per condition, in the order of `rows`: quartiles and median, Tukey's whiskers, outliers as open

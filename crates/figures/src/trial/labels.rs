@@ -20,7 +20,7 @@ struct Names {
 }
 
 impl Names {
-    /// For names whose centres are `pitch` apart.
+    /// Chooses a layout for names whose centres are `pitch` apart.
     fn new<S: AsRef<str>>((size, style): (Size, Style), names: &[S], pitch: f64) -> Self {
         let style = Style { size: size.letters(style.size), ..style };
         let holds = |set: &Self| names.iter().all(|name| set.holds(&set.broken(name.as_ref())));

@@ -229,7 +229,7 @@ pub fn window_figure(
 /// each take the robot's share of it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Passage {
-    /// Times partly within the channel, or, if the robot's length is unknown, in it at all.
+    /// Times partly within the channel; without `wholly_s`, the whole time of the passage.
     pub partly_s: Vec<[f64; 2]>,
     /// `None` if the robot's length is unknown, or longer than the channel.
     pub wholly_s: Option<[f64; 2]>,
