@@ -62,7 +62,7 @@ pub struct Input {
 pub struct OutlierTable {
     pub rows: Vec<OutlierRow>,
     pub count: usize,
-    /// True if they were omitted from the evaluation.
+    /// True if the rows were omitted from the evaluation.
     pub left_out: bool,
 }
 

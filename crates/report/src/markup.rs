@@ -103,7 +103,7 @@ pub(super) fn plot_figure(id: &str, class: &str, alt: &str, caption: &str) -> St
     )
 }
 
-/// White on any page, with a scroll box if it is wider than the page.
+/// A drawing on white, in a box that scrolls if the drawing is wider than the page.
 pub(super) fn drawing(id: &str, svg: &str, alt: &str, caption: &str) -> String {
     let (alt, caption) = (escape(alt), escape(caption));
     // The root element gets the alternative text; HTML does not allow an XML declaration.

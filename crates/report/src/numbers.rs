@@ -12,7 +12,7 @@ use figures::trial::{Passage, smoothed, stride_s};
 use trial::{ConditionRow, Per, PhaseForce, PhaseProfile, Quantity, Trace, TrialResult};
 
 pub(super) struct Plots {
-    /// At most one.
+    /// The plot of effects; empty if no quantity has values.
     pub(super) effects: Vec<Plot>,
     pub(super) boxes: Vec<Plot>,
     pub(super) phases: Vec<Plot>,

@@ -13,7 +13,7 @@ pub(super) struct ColumnUnit {
 }
 
 impl ColumnUnit {
-    /// The largest value has one to three digits before the decimal point.
+    /// Chooses the prefix that gives the largest value one to three digits before the decimal point.
     pub(super) fn new(unit: &str, values: impl IntoIterator<Item = f64>) -> Self {
         let finite = values.into_iter().filter(|value| value.is_finite());
         let largest = finite.fold(0.0, |largest: f64, value| largest.max(value.abs()));
