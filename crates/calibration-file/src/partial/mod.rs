@@ -30,7 +30,7 @@ pub struct PartialFit {
     pub skipped_rows: u64,
     pub repeated_rows: u64,
     pub sources: Vec<SourceFile>,
-    /// The roles of their columns, if these were specified for all of them alike.
+    /// The roles of the sources' columns, if the same roles were specified for all sources.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub columns: Option<ColumnNames>,
     #[serde(default = "all_axes", skip_serializing_if = "are_all")]
@@ -66,7 +66,7 @@ fn expect<T: PartialEq>(
     }
 }
 
-/// Fields hold the first value, then the other.
+/// Fields hold the expected value, then the one found.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MergeError {
     #[error("it is for `{1}`, expected `{0}`")]
