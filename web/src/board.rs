@@ -36,7 +36,7 @@ pub(crate) struct Begin {
     starts: bool,
     /// True to write a log from the first byte on.
     records: bool,
-    /// Number of logs of boards in the page so far, which their names count.
+    /// Number of board logs in the page so far; names of new logs continue the numbering.
     logs: usize,
     calibration: Option<FileRef>,
     /// Planned loads for the guide.
