@@ -14,7 +14,7 @@ pub(crate) const SYSTEMS: [&str; 2] = ["x86_64-pc-windows-msvc", "aarch64-unknow
 
 const DISTRIBUTION: &str = "/usr/bin";
 
-/// Available without rustup.
+/// A linker that is available without rustup.
 const GNU_LINKER: &str = "arm-none-eabi-ld";
 
 /// A compiler that is new enough, and can build for a target and link for the board.

@@ -81,7 +81,7 @@ struct MeasuredImages {
 struct Taken {
     flash: u64,
     ram: u64,
-    /// A bound, and the greatest depth observed.
+    /// Depth of the stack, bytes: a bound, and the greatest observed.
     stack_bound: u64,
     stack_seen: u64,
     instructions: BTreeMap<String, f64>,
@@ -152,7 +152,7 @@ const WORKLOADS: [Workload; 4] = [
     ("physics, no wrench fits", Stream::Wrench, workload::physics, workload::everywhere),
 ];
 
-/// Longest order, s: two pages erased, a slot written, and the answer.
+/// Time for the longest command, s: two pages are erased, a slot is written, and the answer is sent.
 const ORDER_S: f64 = 0.12;
 
 /// Time for a stream to settle, and time counted, s.

@@ -77,7 +77,7 @@ impl Board {
     }
 }
 
-/// The compiler may differ from the host's.
+/// Folder for images only, as their compiler may differ from the host's.
 fn target_dir() -> PathBuf {
     workspace().join("target/firmware")
 }

@@ -23,7 +23,7 @@ pub(crate) const BROWSER: Need = Need::Packages {
     packages: &["chromium"],
 };
 
-/// For the tests of completions, manual and installation script.
+/// Packages for the tests of completions, manual and installation script.
 pub(crate) const SHELLS: Need = Need::Packages {
     what: "zsh, fish, groff and curl",
     is_met: || ["zsh", "fish", "groff", "curl"].iter().all(|name| installed(name, &["--version"])),

@@ -18,14 +18,14 @@ const INDIRECT: usize = 3;
 /// Registers that the core saves for an interrupt, with the floating-point unit's and alignment.
 const EXCEPTION_FRAME: u32 = 104 + 4;
 
-/// Names of functions that run a task, and of the one for the urgent task (tasks.rs), in part.
+/// Parts of the names of functions that run a task, and of the one that runs the urgent task (tasks.rs).
 const TASK: &str = "TaskStorage";
 const URGENT_TASK: &str = "stamp_task";
 
-/// Runs the urgent task (start.rs).
+/// The interrupt that runs the urgent task (start.rs).
 const URGENT_INTERRUPT: &str = "TIM7";
 
-/// All panics lead to it.
+/// Part of the name of the function that every panic calls.
 const PANIC: &str = "panic_fmt";
 
 #[derive(Debug, Default)]
@@ -243,7 +243,7 @@ fn modified(instruction: u32) -> u32 {
 }
 
 enum Branch {
-    /// Bytes from the instruction after the next.
+    /// Distance to the target, bytes, relative to the instruction's address plus 4.
     By(i32),
     Pointer,
 }

@@ -7,7 +7,7 @@ use anyhow::{Context, Result, ensure};
 
 use crate::steps::{self, workspace};
 
-/// First words that turn a doc comment around.
+/// First words that delay the subject of a doc comment.
 const OPENINGS: [&str; 7] = ["What", "Whatever", "Who", "Whoever", "Of", "Those", "The same"];
 
 /// Doc comments that may begin with `Whether`, for a `bool`.
@@ -20,7 +20,7 @@ const PHRASES: &str = "that there are|that there is|it cannot be told|is told so
 
 const MESSAGES: [&str; 6] = ["#[error(", "bail!(", "anyhow!(", ".note(", ".warning(", ".failure("];
 
-/// In characters without placeholders.
+/// Maximum length of a message, in characters without placeholders.
 const LONGEST: usize = 100;
 
 pub(crate) fn check() -> Result<()> {
