@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 
 use crate::program::Running;
 
-/// Says nothing about the expected duration.
+/// Timeout of every wait, far longer than any is expected to take.
 const PATIENCE: Duration = Duration::from_secs(300);
 
 #[derive(Debug)]
@@ -64,7 +64,7 @@ impl Browser {
         browser
     }
 
-    /// From the next page on.
+    /// Prefers a dark colour scheme from the next page on.
     pub fn prefer_dark(&mut self) {
         let features = json!([{ "name": "prefers-color-scheme", "value": "dark" }]);
         self.call("Emulation.setEmulatedMedia", json!({ "features": features }));

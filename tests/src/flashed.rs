@@ -25,7 +25,7 @@ pub const SERIAL: [u8; 12] = [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12];
 
 #[derive(Clone, Debug)]
 pub struct Model {
-    /// By its name in the model.
+    /// Name of the board in the model.
     pub board: &'static str,
     pub image: PathBuf,
     pub python: PathBuf,
@@ -66,14 +66,14 @@ impl Model {
 pub struct Report {
     pub sent: Vec<u8>,
     pub on: bool,
-    /// Since the last report.
+    /// Causes of resets since the last report.
     pub resets: Vec<String>,
     /// Sectors erased and double words written in all.
     pub operations: u64,
     pub instructions: u64,
     /// Greatest depth of the stack so far, bytes.
     pub stack: u32,
-    /// Simulated, since the board was created.
+    /// Simulated time since the board was created.
     pub time_s: f64,
     pub pulls: [String; 3],
     /// Simulated time at which the board's clock was 0.
@@ -156,7 +156,7 @@ impl FlashedBoard {
         self.order(&json!({ "send": hex }));
     }
 
-    /// `low` lets the board send, `high` holds it up, `open` is no wire.
+    /// Sets the level: `low` lets the board send, `high` blocks it, `open` means that no wire is connected.
     pub fn set_cts(&mut self, level: &str) {
         self.order(&json!({ "cts": level }));
     }
@@ -171,7 +171,7 @@ impl FlashedBoard {
         self.order(&json!({ "rate": baud }));
     }
 
-    /// Amplitude in steps.
+    /// Makes the light flicker with an amplitude in converter steps.
     pub fn set_flicker(&mut self, steps: f64, hz: f64) {
         self.order(&json!({ "flicker": [steps, hz] }));
     }
@@ -181,7 +181,7 @@ impl FlashedBoard {
         self.order(&json!({ "stack": address }));
     }
 
-    /// From now on conversions do not end.
+    /// Makes conversions never end, from now on.
     pub fn kill_converter(&mut self) {
         self.order(&json!({ "converter": false }));
     }

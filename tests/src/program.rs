@@ -126,7 +126,7 @@ pub fn interrupt(child: &Child) {
 }
 
 pub fn wait_for_rows(log: &Path, rows: usize) {
-    // Says nothing about the expected duration.
+    // A timeout, far longer than expected.
     let deadline = Instant::now() + Duration::from_secs(180);
     while fs::read(log).map_or(0, |text| text.iter().filter(|&&byte| byte == b'\n').count()) <= rows
     {

@@ -14,7 +14,7 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    /// From 1 to 64 bits.
+    /// Returns a number of this many bits, from 1 to 64.
     pub fn bits(&mut self, bits: u32) -> u64 {
         self.next() >> (64 - bits)
     }

@@ -11,7 +11,7 @@ use crate::random::Random;
 const RANGE: f64 = 2_000.0;
 const LEAST: f64 = 500.0;
 
-/// Without special values that would be cheaper.
+/// A calibration without special values, which would take less time.
 pub fn cubic() -> Calibration {
     let mut coefficients = [[0.0; AXES]; FEATURES];
     for (i, value) in coefficients.as_flattened_mut().iter_mut().enumerate() {

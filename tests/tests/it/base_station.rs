@@ -28,8 +28,8 @@ fn boards_are_recorded_in_both_modes_with_either_address() {
             let board = Board::start(dir, &format!("--framing {framing} --to {address}"));
             run_patiently(dir, &format!("board board --framing {framing} start"), 0);
             let said = json(dir, "--json record board -o log.csv --duration 4");
-            // The first checksum with an escape shows the mode. It is one in 64, so that in the some 400 frames
-            // there is none every 500th time; each frame then means the same in both modes.
+            // The first checksum with an escape shows the mode. One in 64 has one, so one in 500 recordings of some
+            // 400 frames has none. Each of its frames then means the same in both modes.
             if said["framing"] != framing {
                 assert_eq!((framing, &said["framing"]), ("xbee-ap2", &"xbee-ap1".into()), "{said}");
                 assert_eq!(said["damaged"], 0, "{said}");
@@ -114,8 +114,8 @@ fn the_library_of_digi_opens_the_base_station_and_receives_every_frame() {
 fn the_library_of_digi_receives_every_frame(mode: &str, framing: &str) {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
-    // With addresses of 16 bits the library asks the sender for its serial number at each packet, for
-    // 4 s, since it waits in the thread that would read the answer.
+    // With addresses of 16 bits the library asks the sender for its serial number at each packet. It
+    // waits 4 s in vain, in the thread that would read the answer.
     let board = Board::start(dir, &format!("--framing {framing} --to {SERIAL}"));
     let port = dir.join("board").display().to_string();
     let command = |number, command| {

@@ -91,7 +91,7 @@ fn check_all(setup: &Setup, values: &Value, name: &str) {
 
 /// Returns the work that a pair of beams would do before they bend forward, J, if an approaching
 /// body had drawn their tips back: the reference calls this ungated, and the model leaves it out.
-/// Only the position where the beams begin to bend forward is the model's.
+/// Only the position where the beams begin to bend forward is taken from the model.
 fn pulled_work(setup: &Setup, first_touch_rad: f64) -> f64 {
     let Setup { ellipse, beam, .. } = setup;
     let (rx, ry, length) = (ellipse.semi_length_m, ellipse.semi_width_m, beam.length_m);

@@ -14,7 +14,7 @@ use system_tests::program::{Recording, Running, command, interrupt, run, run_pat
 
 use crate::page_rules::{check_rules, contrast, keep};
 
-/// In this process, so that its clock can be compared with the browser's.
+/// A board in this process, so that its clock can be compared with the browser's.
 struct Board {
     board: SimulatedBoard,
     /// Earliest time at which its clock was zero, ms since 1970.
@@ -52,7 +52,7 @@ impl Server {
         Self { address, child: Running(child) }
     }
 
-    /// Its logs are complete only after a successful end.
+    /// Waits for a successful end, since the logs are complete only then.
     fn wait(mut self) {
         let deadline = SystemTime::now() + Duration::from_secs(60);
         while self.child.0.try_wait().unwrap().is_none() {
@@ -175,7 +175,7 @@ fn the_page_follows_the_board() {
     assert_eq!(log.text("flags").iter().filter(|flags| flags.contains("mark1")).count(), 1);
 }
 
-/// Shows a sitting whose error of forces halves with each load, from 8 N to 1 N, the limit; its 95 % is twice the error.
+/// Shows a sitting whose force error halves with each load, from 8 N to the limit of 1 N; its upper bound is twice that.
 const FOUR_LOADS: &str = "(() => { const picture = { traces: [], channels: [], marks: [], force: null, \
     window_s: 10, time_s: 0, is_paused: false, is_taring: false }; \
     const errors = [10, 11, 12, 13].map((loads, at) => ({ loads, error: [8 / 2 ** at, 0], upper: [16 / 2 ** at, 0] })); \
@@ -184,8 +184,8 @@ const FOUR_LOADS: &str = "(() => { const picture = { traces: [], channels: [], m
     liveView(document, async () => true).show({ picture, state: '', recording: null, can_record: false, \
     message: '', guide }); return 0; })()";
 
-/// Returns the distance of the curve of errors from its place at each load, as a share of the height, from the pixels in
-/// the colour of forces: blue by far. From 16 to 1 on a logarithmic scale, 8 is a quarter from the top and 1 at the bottom.
+/// Returns the distance of the curve of errors from its place at each load, as a share of the height. The curve has the
+/// colour of forces, mostly blue. On the logarithmic scale from 16 to 1, 8 is a quarter below the top, 1 at the bottom.
 const CURVE_OFF: &str = "(() => { const canvas = document.querySelector('#errors canvas'), { width, height } = canvas; \
     const points = canvas.getContext('2d').getImageData(0, 0, width, height).data; \
     return [0, 1, 2, 3].map((at) => { const x = Math.min(width - 7, Math.max(4, Math.round(width * at / 3) - 1)); \

@@ -11,7 +11,7 @@ use system_tests::program::{Recording, finish, interrupt, number, run, start, wa
 
 const WRENCH: [&str; 6] = ["fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"];
 
-/// 2 s unloaded, then along each axis in turn.
+/// A load over time: none for 2 s, then along each axis in turn.
 const LOAD: &str = "t_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm
 0,0,0,0,0,0,0
 2,0,0,0,0,0,0
@@ -122,7 +122,7 @@ fn forces_of_a_recording_equal_those_of_the_script() {
     }
 }
 
-/// Not 20 Hz, so that its phase at the frames shifts.
+/// Frequency of the load: not 20 Hz, so that its phase at the frames shifts.
 const LOAD_HZ: f64 = 19.7;
 
 fn shaken() -> String {

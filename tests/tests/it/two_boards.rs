@@ -18,7 +18,7 @@ const BROADCAST: u16 = 0xFFFF;
 const BAUD: u32 = 115_200;
 const READINGS: [&str; 8] = ["s1", "s2", "s3", "s4", "s5", "s6", "s7", "s8"];
 
-/// Under a constant force without noise, all its frames are equal.
+/// A board under a constant force, without noise: its readings change only by warm-up and creep.
 fn board(unit_seed: u64, fz_n: f64) -> TTYPort {
     let load = LoadTable::new([(0.0, [0.0, 0.0, fz_n, 0.0, 0.0, 0.0])]).unwrap();
     let settings =

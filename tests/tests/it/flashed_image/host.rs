@@ -95,7 +95,7 @@ impl Host {
         self.take(report);
     }
 
-    /// `noise` changes the bytes from the board before they are decoded.
+    /// Runs the board; `noise` changes the bytes from it before they are decoded.
     pub fn run_behind(&mut self, time_s: f64, noise: impl FnOnce(&mut Vec<u8>)) {
         let mut report = self.board.run(time_s);
         noise(&mut report.sent);

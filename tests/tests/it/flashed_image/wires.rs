@@ -85,7 +85,7 @@ fn readings_are_exact_after_any_number_of_conversions_and_any_settling() {
             host.order(Command::Start);
             host.run(0.5);
             host.order(Command::Stop);
-            // In the order of validation: each number exceeds the previous ones.
+            // The board reports the longest frame so far; each promise exceeds those of the settings before.
             let conversions_us = (u32::from(conversions) * conversion_ns).div_ceil(1_000);
             let promised_us = 8 * (2 * u32::from(settling_us) + 3 * conversions_us + 30);
             let longest_us = u32::from(host.status().longest_frame_us);
