@@ -203,7 +203,7 @@ impl Board {
         Self::start_at(dir, 1000)
     }
 
-    /// A pty keeps some hundred frames for a program that the machine lets wait.
+    /// A low rate prevents losses: a pty keeps only some hundred frames for a program that a busy machine delays.
     pub(crate) fn start_at(dir: &Path, rate_hz: u32) -> Self {
         let board = program::start(dir, "board --simulate --symlink board --seed 2");
         let board = Self { _process: Running(board) };

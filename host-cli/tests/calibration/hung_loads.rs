@@ -163,7 +163,7 @@ fn a_mistyped_angle_is_named_under_creep_and_without_stated_errors() {
         assert!(suspicious.iter().all(|&at| at == wrong), "seed {seed}: {suspicious:?}");
         named += suspicious.len();
     }
-    // Eight of these ten; the others are taken for a bend of the sensors.
+    // Eight of these ten are named; the fit takes the other errors for properties of the sensors.
     assert!(named >= 7, "{named} of 10");
 }
 

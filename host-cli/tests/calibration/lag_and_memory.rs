@@ -47,7 +47,7 @@ fn log_measured_at(
         };
         (0..6).map(own).sum()
     };
-    // The first load has lasted for long.
+    // The first load has been there for so long that creep has ended.
     let mut past: [f64; CHANNELS] = std::array::from_fn(|channel| mixed(channel, 0.0));
     let mut text = "t_s,s1,s2,s3,s4,s5,s6,".to_owned() + &AXES.join(",") + "\n";
     let mut off = [0.0; CHANNELS];

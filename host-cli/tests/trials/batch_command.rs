@@ -281,8 +281,8 @@ fn results_by_time_hardly_change_with_a_tenth_of_the_rows_missing() {
     let value = |trial: usize, key: &str| document["trials"][trial][key].as_f64().unwrap();
     assert_eq!(value(0, "strides"), value(1, "strides"));
     for key in ["drag_mean_n", "electrical_energy_j", "specific_resistance"] {
-        // Power jumps from row to row by as much as itself: without 200 of 2000 rows it errs by
-        // 1/√200 of that, times their share.
+        // Power changes from row to row by about its own size: without 200 of 2000 rows, the mean has an
+        // error of 1/√200 of that, times their share.
         let ratio = value(1, key) / value(0, key);
         assert!((ratio - 1.0).abs() < 0.01, "{key}: {ratio}");
     }

@@ -175,7 +175,7 @@ fn the_page_follows_the_board() {
     assert_eq!(log.text("flags").iter().filter(|flags| flags.contains("mark1")).count(), 1);
 }
 
-/// Shows a sitting whose force error halves with each load, from 8 N to the limit of 1 N; its upper bound is twice that.
+/// Shows a sitting whose force error halves with each load, from 8 N to the limit, 1 N; its upper bound is twice that.
 const FOUR_LOADS: &str = "(() => { const picture = { traces: [], channels: [], marks: [], force: null, \
     window_s: 10, time_s: 0, is_paused: false, is_taring: false }; \
     const errors = [10, 11, 12, 13].map((loads, at) => ({ loads, error: [8 / 2 ** at, 0], upper: [16 / 2 ** at, 0] })); \

@@ -97,8 +97,8 @@ fn check_same<'a>(
 }
 
 /// Relative tolerance of coefficients. Exact sums give the same bits everywhere. Memory terms are
-/// solved by QR, with last digits by the processor, which the standard errors of a damped search
-/// amplify: 6e-9 was seen.
+/// solved by QR, whose last digits depend on the processor; the standard errors of a damped search
+/// amplify these differences: 6e-9 was seen.
 fn tolerance(model: &str) -> f64 {
     if model == "auto" { 1e-6 } else { 0.0 }
 }
@@ -359,7 +359,7 @@ fn a_board_is_shown_and_its_log_equals_that_of_record() {
         let wrench = log.table(["fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"])[row];
         for (axis, value) in wrench.iter().enumerate() {
             let shown = shown[axis].as_f64().unwrap();
-            // Two digits of the scale, at least 0.05 N and 0.001 N·m, up to some N.
+            // Values are shown to two digits of the scale, which is 0.05 N or 0.001 N·m at least, some N at most.
             let digit = if axis < 3 { 0.05 } else { 0.005 };
             assert!((shown - value).abs() < digit, "{axis}: {shown}, {value}");
         }

@@ -1,5 +1,5 @@
-//! Parses arbitrary bytes as a calibration and as a partial fit: without panics, and what parses
-//! must read back unchanged after it is written.
+//! Parses arbitrary bytes as a calibration and as a partial fit. This must not panic, and a document
+//! that parses must read back unchanged after it is written.
 #![no_main]
 
 use calibration_file::{CalibrationFile, PartialFit};

@@ -1,4 +1,4 @@
-//! Imports arbitrary bytes as a matrix of coefficients, CSV or MATLAB 5: without panics, and an
+//! Imports arbitrary bytes as a matrix of coefficients, CSV or MATLAB 5. This must not panic, and an
 //! imported calibration must survive writing and reading.
 #![no_main]
 

@@ -9,7 +9,7 @@ use shell_data::wrench::Axis;
 /// The condition number of the loads' correlation above which axes are poorly separated.
 const POOR_CONDITION: f64 = 10.0;
 
-/// The share of test rows outside the range of the training data above which it is reported.
+/// Largest share of test rows outside the range of the training data that is not reported.
 const MUCH_OUTSIDE: f64 = 0.05;
 
 /// The limits as sentences, the most important first.

@@ -100,8 +100,8 @@ pub fn convert(
     }
     let (mut pipeline, zero) = survey(conversion)?;
     let lag = calibration.lag.filter(|lag| lag.time_base == TimeBase::Rows || log.has_time());
-    // Readings keep their time stamps, so forces in the same table move instead, as they do if no row number
-    // is written.
+    // In output with readings, forces are shifted to the readings' time stamps. They are also shifted if the lag
+    // is in rows and no row number is written.
     let is_stamped = |lag: ReferenceLag| lag.time_base == TimeBase::Seconds || numbers_rows;
     let moves_stamps = lag.is_some_and(is_stamped) && !keeps_readings;
     pipeline.lag = lag.filter(|_| !moves_stamps);

@@ -65,7 +65,7 @@ const WAYS: [((bool, bool), &str, &str); 4] = [
 
 impl Sum {
     fn add(&mut self, row: Self) {
-        // A running mean keeps the common part out of the rounding error.
+        // In a running mean, only the differences between rows are rounded, not the part that all share.
         self.rows += 1.0;
         let share = 1.0 / self.rows;
         let pairs = self.wrench.iter_mut().zip(row.wrench);

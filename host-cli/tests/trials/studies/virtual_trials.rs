@@ -69,8 +69,8 @@ fn evaluate_telemetry(trial: &VirtualTrial, window_s: [f64; 2]) -> TrialResult {
     evaluate(&input).unwrap()
 }
 
-/// The window, with ends away from the ends of the right leg's turns: the encoder's noise would
-/// decide whether such a turn counts.
+/// The window, with its ends moved away from the ends of turns of the right leg: otherwise the
+/// encoder's noise would decide whether a turn counts.
 fn clear_of_turns(trial: &VirtualTrial) -> [f64; 2] {
     let turns_s = trial.turns_s();
     trial.window_s.map(|mut time_s| {

@@ -159,7 +159,7 @@ impl ConvertArgs {
                 convert(&of, &plan, &mut out, trace.as_mut())
             })?;
             if let Some(text) = summary.tare_doubt(log.path(), diagnostics.as_ref()) {
-                // The tare was not taken at rest.
+                // The tare is probably loaded or not quiet.
                 ensure!(
                     !self.strict,
                     "{text}; take frames at rest with `--tare-time`, or keep the zero of the calibration with `--no-tare`"
