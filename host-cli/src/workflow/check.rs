@@ -16,7 +16,7 @@ use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
 /// Largest allowed difference, as a multiple of the half-width of the 95 % interval: three standard errors. A
-/// sound sensor exceeds it somewhere in about one of twenty checks of a dozen numbers each.
+/// sound sensor with normal errors exceeds it somewhere in one of thirty checks of a dozen numbers each.
 const MARGIN: f64 = 1.53;
 
 #[derive(Clone, Debug)]
