@@ -2,6 +2,7 @@
 
 pub(crate) mod choice;
 pub(crate) mod clock;
+pub(crate) mod clock_parts;
 mod column_name;
 pub(crate) mod columns;
 pub(crate) mod head;

@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use table_file::{Cell, ColumnPart, TablePart, WantedColumn};
 
 use super::date::parse_date;
-use super::number::{finite, parse_field};
+use super::marks::number_of;
+use super::number::finite;
 use super::parsed_rows::{ParsedRows, RowError};
 use super::rows::{ColumnUse, RowPlan};
 use crate::error::{FieldProblem, RowProblem};
@@ -131,7 +132,7 @@ impl RowPlan {
                         }
                         (_, ColumnUse::Date(_)) => Err(FieldProblem::NotADate),
                         (Cell::Time { .. }, _) => Err(FieldProblem::NotANumber),
-                        (Cell::Text(text), _) => parse_field(text.as_bytes()),
+                        (Cell::Text(text), _) => number_of(text.as_bytes()),
                         _ => cell.number().ok_or(FieldProblem::Empty).and_then(finite),
                     };
                     match value.and_then(|value| column_use.check(value)) {
