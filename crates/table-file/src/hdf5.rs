@@ -494,7 +494,9 @@ mod tests {
     use super::*;
     use hdf5_pure::FileBuilder;
 
-    fn columns(builder: FileBuilder) -> (Vec<(String, String)>, Vec<(String, String)>) {
+    type Pairs = Vec<(String, String)>;
+
+    fn columns(builder: FileBuilder) -> (Pairs, Pairs) {
         let bytes = builder.finish().unwrap();
         let found = open(&FileSource::Memory(bytes.into()), None).unwrap();
         let columns = found.columns.unwrap().into_iter();
@@ -506,7 +508,7 @@ mod tests {
         AttrValue::VarLenStringArray(texts.iter().map(|&text| text.to_owned()).collect())
     }
 
-    fn pairs(texts: &[(&str, &str)]) -> Vec<(String, String)> {
+    fn pairs(texts: &[(&str, &str)]) -> Pairs {
         texts.iter().map(|&(name, unit)| (name.to_owned(), unit.to_owned())).collect()
     }
 

@@ -5,7 +5,6 @@
 
 use memchr::memchr;
 
-use super::field_problem::FieldProblem;
 use super::number::{parse_field, set_points, with_points};
 
 /// Marks that may be decimal: a point and a comma.
@@ -111,7 +110,7 @@ impl Groups {
         let separator: &[u8] = match rest.first()? {
             b'.' => b".",
             b',' => b",",
-            _ => *BLANKS.iter().find(|blank| rest.starts_with(blank))?,
+            _ => BLANKS.iter().find(|blank| rest.starts_with(blank))?,
         };
         let mut count = 0;
         while let Some(group) = rest.strip_prefix(separator)
@@ -140,12 +139,9 @@ pub(crate) fn is_marked_number(field: &[u8]) -> bool {
     !matches!(Notation::of(field), Notation::Other) || parse_field(field).is_ok()
 }
 
-/// Parses a number in a cell, also with a comma that can only be decimal.
-pub(crate) fn number_of(field: &[u8]) -> Result<f64, FieldProblem> {
-    match Notation::of(field) {
-        Notation::Decimal(1) => parse_field(&with_points(field)),
-        _ => parse_field(field),
-    }
+/// Returns true for a number with a comma that can only be decimal.
+pub(crate) fn has_decimal_comma(field: &[u8]) -> bool {
+    Notation::of(field) == Notation::Decimal(1)
 }
 
 /// The notations in a column.
