@@ -7,13 +7,13 @@ use super::clock::{CLOCK_ROWS, ClockFields, DateColumn, is_since_1970, origin_of
 use super::clock_parts::{
     ClockPart, OF_NANOSECONDS, PartValues, date_part, has_fraction, is_fraction, nameless_stamp,
 };
-use super::column_name::plain;
 use super::columns::{Column, ColumnRoles, by_shape, positions, recognise};
 use super::head::{self, Head, line_separator, numbered};
 use super::keys::Keys;
 use super::lines::{LayoutLine, all_lines, fields, lines, texts};
 use super::mapping::{LogFormat, Mapping, TimeUnit};
 use super::meaning::{Meaning, StatedUnit};
+use super::stated_units::{apply_keys, are_counts, unit_columns};
 use crate::error::{FieldProblem, LogError, PlacedProblem};
 use crate::line::line_ends;
 use crate::parse::console;
@@ -25,7 +25,7 @@ use crate::parse::rows::HeadLines;
 use crate::stream::clock_turns::{ClockTurns, TURN};
 use crate::stream::companion::SideRows;
 use crate::stream::source::LogSource;
-use shell_data::unit::{Scale, Unit};
+use shell_data::unit::Scale;
 use shell_data::wrench::Axis;
 use table_file::{FileKind, Table};
 
@@ -399,42 +399,6 @@ fn interleaving(rows: &[u8], separator: u8, columns: &[Column]) -> Option<Interl
     Interleaving::find(&found)
 }
 
-/// Returns true for loads as a Net F/T box sends them, in counts: whole numbers without a unit, beside its sequence.
-fn are_counts(rows: &[u8], separator: u8, columns: &[Column]) -> bool {
-    let is_whole = |field: &[u8]| parse_field(field).is_ok_and(|number| number.fract() == 0.0);
-    let mut loads =
-        columns.iter().enumerate().filter(|(_, of)| matches!(of.meaning, Meaning::Load(..)));
-    let is_count = |(at, column): (usize, &Column)| {
-        let fields = ClockFields::new(rows, separator, at);
-        column.unit == StatedUnit::None && fields.first().is_some() && fields.iter().all(is_whole)
-    };
-    columns.iter().any(|column| plain(&column.name).ends_with("rdtsequence")) && loads.all(is_count)
-}
-
-/// Finds columns that repeat the unit of others in every row; returns their names and units.
-fn unit_columns(rows: &[u8], separator: u8, columns: &[Column]) -> Vec<(String, String)> {
-    const NAMES: [&str; 8] = [
-        "unit",
-        "units",
-        "forceunit",
-        "forceunits",
-        "torqueunit",
-        "torqueunits",
-        "momentunit",
-        "einheit",
-    ];
-    let of_column = |(at, column): (usize, &Column)| {
-        let is_called =
-            column.meaning == Meaning::Other && NAMES.contains(&plain(&column.name).as_str());
-        let fields = is_called.then(|| ClockFields::new(rows, separator, at))?;
-        let unit = String::from_utf8_lossy(fields.first()?).trim().to_owned();
-        let is_constant = fields.iter().all(|field| field.trim_ascii() == unit.as_bytes());
-        let name = if plain(&column.name) == "einheit" { "unit" } else { &column.name };
-        is_constant.then(|| (name.to_owned(), unit))
-    };
-    columns.iter().enumerate().filter_map(of_column).collect()
-}
-
 const DAY_S: f64 = 86_400.0;
 
 /// Refuses a number that may have a decimal mark or one between thousands, in a column with a meaning.
@@ -500,31 +464,6 @@ fn add_parts(
 /// Returns true for whole seconds without a unit, to which other columns are added.
 fn is_sum_of_seconds(column: &Column, roles: &ColumnRoles) -> bool {
     column.unit == StatedUnit::None && !roles.time_parts.is_empty()
-}
-
-/// Applies units and counts from keys to the loads whose columns state no unit.
-fn apply_keys(keys: &Keys, columns: &mut [Column]) {
-    for column in columns {
-        let is_measured = matches!(column.meaning, Meaning::Load(..) | Meaning::Time(_));
-        if column.unit != StatedUnit::None || !is_measured {
-            continue;
-        }
-        let unit = keys.unit(&column.name, column.meaning);
-        if unit != StatedUnit::None {
-            column.set_unit(unit);
-        }
-        let Meaning::Load(axis, _) = column.meaning else { continue };
-        let at = usize::from(axis.is_moment());
-        if let Some((counts, _)) = keys.counts[at]
-            && !matches!(column.unit, StatedUnit::Unknown(_))
-        {
-            let symbol = column.unit.known().map_or_else(|| axis.unit(), |unit| &unit.symbol);
-            let symbol = format!("{symbol}/{counts}");
-            let scale = column.meaning.scale();
-            let scale = Scale { per: scale.per * counts, ..scale };
-            column.set_unit(StatedUnit::Known(Unit { symbol, scale }));
-        }
-    }
 }
 
 /// Describes unusual decisions about the lines above the rows.

@@ -11,3 +11,4 @@ pub(crate) mod layout;
 mod lines;
 pub(crate) mod mapping;
 pub(crate) mod meaning;
+mod stated_units;

@@ -42,7 +42,7 @@ enum Thousands {
     Unclear(String),
 }
 
-/// What a field says about its marks.
+/// The marks in a field.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Notation {
     /// An integer of at most three digits, and a longer one.

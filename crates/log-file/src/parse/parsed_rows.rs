@@ -21,7 +21,7 @@ pub(crate) struct ParsedRows {
     pub(crate) columns: Vec<Vec<f64>>,
     /// For each text column, runs of equal texts.
     pub(crate) labels: Vec<Vec<(String, usize)>>,
-    /// What the conditions on rows removed, in their order.
+    /// Tallies of the conditions on rows, in their order.
     pub(crate) tallies: Vec<ConditionTally>,
     pub(super) ends: FieldEnds,
 }

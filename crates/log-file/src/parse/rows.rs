@@ -47,7 +47,7 @@ pub(crate) struct HeadLines {
     pub(crate) units: Vec<u8>,
 }
 
-/// What a line in the middle of a log is, if it is no row.
+/// A line in the middle of a log that is no row.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum OtherLine {
     /// A repeated line of the head.
