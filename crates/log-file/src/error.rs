@@ -3,6 +3,7 @@
 use shared_proto::skinproc::SCAN_LEN;
 use shell_data::hint::{Hint, quoted, suggest};
 use shell_data::unit::Quantity;
+use shell_data::wrench::Axis;
 use std::fmt;
 use std::io;
 use std::path::PathBuf;
@@ -34,8 +35,12 @@ pub enum LogError {
     Empty(PathBuf),
     #[error("`{}` has a header but no rows", .0.display())]
     NoRows(PathBuf),
-    #[error("no row of `{}` meets all conditions", .0.display())]
-    NoneChosen(PathBuf),
+    /// The column of the condition that removes most rows, and values in it.
+    #[error("no row of `{}` meets all conditions", path.display())]
+    NoneChosen { path: PathBuf, column: String, found: Vec<String> },
+    /// A group or another value is left out that no row has.
+    #[error("`{}`: column `{column}` has no `{value}` to leave out", path.display())]
+    NoneExcluded { path: PathBuf, column: String, value: String, found: Vec<String> },
     /// More rows are invalid than are skipped without a request. `position` and `problem` are of the first.
     #[error(
         "`{}`: {skipped} of {rows} rows are wrong, {class}; the first at {position}: {problem}",
@@ -99,9 +104,15 @@ pub enum PlacedProblem {
         _ => "time",
     })]
     UnknownUnit { column: String, unit: String, quantity: Quantity },
+    /// A load states no unit, beside another that states one.
+    #[error("column `{}` has no unit, and `{}` is in {unit}", columns[0], columns[1])]
+    UnitOfSome { columns: Box<[String; 2]>, unit: String, is_moment: bool },
     /// Times are integers whose median `step` leaves two units possible.
     #[error("the time unit of column `{column}` is not known; it grows by `{step}` a row")]
     UnclearTimeUnit { column: String, step: f64 },
+    /// A number whose point or comma is decimal or between thousands.
+    #[error("column `{column}`: the mark in `{number}` is decimal or between thousands")]
+    UnclearMark { column: String, number: String },
     #[error("column `{column}`: the date `{date}` begins with its day or with its month")]
     UnclearDate { column: String, date: String },
     /// Two columns, given by their positions from 0, have the same meaning.
@@ -136,14 +147,23 @@ impl Hint for LogError {
             Self::ManyBadRows { .. } => {
                 "look at that row; leave all such rows out with `--skip-bad-rows=all`"
             }
-            Self::NoneChosen(_) => {
-                "leave out a `--where` or `--exclude-group`, or look at the values in the log"
+            Self::NoneChosen { column, found, .. } => {
+                let values = few(found);
+                return Some(format!(
+                    "leave out a `--where` or `--exclude-group`; `{column}` has {values}"
+                ));
+            }
+            Self::NoneExcluded { found, .. } => {
+                return Some(format!("leave out one of its values: {}", few(found)));
             }
             Self::Binary { .. } => {
                 "logs are text (also gzip, zstd) or tables in Parquet, MATLAB, NumPy, Excel, MCAP"
             }
             Self::NoColumnNames(_) => {
                 "add the line that names the columns, `% time | … | S1 | …`, as the last `%` line"
+            }
+            Self::RowMismatch { problem: RowMismatch::Times { .. }, .. } => {
+                "put both on one clock with `shellcal align`, or say whose time counts with `--time`"
             }
             Self::At { problem, .. } => return problem.hint(),
             _ => return None,
@@ -180,9 +200,36 @@ impl Hint for PlacedProblem {
             Self::UnclearTimeUnit { .. } => {
                 "say it with `--time-unit` (days: `--unit time=d`), or in the name of the column (`t_ms`)"
             }
+            Self::UnitOfSome { unit, is_moment, columns } => {
+                let kind = if *is_moment { "moment" } else { "force" };
+                let other = if *is_moment { "N·m" } else { "N" };
+                return Some(format!(
+                    "say the unit of all with `--unit {kind}={unit}`, or `--unit '{}={other}'`",
+                    columns[0]
+                ));
+            }
+            Self::UnclearMark { .. } => {
+                "write the log again without marks between thousands; no other number tells"
+            }
             Self::UnclearDate { .. } => {
                 "say it with `--unit time=d/m/y` or `--unit time=m/d/y`; the times of a day \
                  are the same with both"
+            }
+            Self::DuplicateColumn { meaning, columns: [first, second], .. }
+                if meaning == "time" =>
+            {
+                let [first, second] = [first, second].map(|at| format!("`--time {}`", at + 1));
+                return Some(format!("say which is meant by its number: {first} or {second}"));
+            }
+            Self::DuplicateColumn { meaning, columns: [first, second], .. }
+                if Axis::ALL.iter().any(|axis| axis.name() == meaning) && second - first < 6 =>
+            {
+                let axis = meaning.to_ascii_lowercase();
+                let [first, second] = [first, second].map(|at| at + 1);
+                return Some(format!(
+                    "say each axis by the number of its column: `--wrench {axis}={first},…` or \
+                     `{axis}={second},…`"
+                ));
             }
             Self::DuplicateColumn { meaning, columns, .. } if meaning == "Fx" => {
                 let six = columns.map(|at| format!("`--wrench {}-{}`", at + 1, at + 6));
@@ -191,9 +238,23 @@ impl Hint for PlacedProblem {
             Self::DuplicateColumn { .. } => {
                 "say which one is meant with `--sensors`, `--wrench` or `--time`, by its number"
             }
+            Self::Row(RowProblem::OtherNames(_)) => {
+                "split the file above this line, and read both parts as two logs"
+            }
             Self::Row(_) => "correct the line, or leave such rows out with `--skip-bad-rows`",
         };
         Some(text.to_owned())
+    }
+}
+
+/// Lists the first of some values.
+fn few(values: &[String]) -> String {
+    const MOST: usize = 4;
+    let listed = quoted(values.iter().take(MOST), ", ");
+    match values.len() {
+        0 => "no values".to_owned(),
+        count if count > MOST => format!("{listed}, …"),
+        _ => listed,
     }
 }
 
@@ -275,6 +336,9 @@ pub enum RowProblem {
     Field { column: usize, name: String, problem: FieldProblem, found: String },
     #[error("expected {expected} columns, found {found}")]
     ColumnCount { expected: usize, found: usize },
+    /// The names of columns in the middle of a log, other than at its start.
+    #[error("the names of other columns than in line {0}: two logs were put together")]
+    OtherNames(u64),
     #[error("expected a closing quote on the same line")]
     OpenQuote,
     /// A payload begins like a scan, but is not one.
@@ -288,6 +352,7 @@ impl RowProblem {
         match self {
             Self::Field { name, .. } => format!("in column `{name}`"),
             Self::ColumnCount { found, .. } => format!("with {found} columns"),
+            Self::OtherNames(_) => "with other names".to_owned(),
             Self::OpenQuote => "with an open quote".to_owned(),
             Self::Payload(_) => "with a damaged scan".to_owned(),
         }

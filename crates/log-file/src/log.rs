@@ -4,17 +4,20 @@ use std::path::Path;
 use std::sync::Arc;
 
 use crate::checksum;
-use crate::error::{LogError, PlacedProblem};
+use crate::error::{LogError, PlacedProblem, RowMismatch};
 use crate::format::choice::Interleaving;
-use crate::format::columns::{Column, Wanted, duplicate, positions, recognise};
-use crate::format::layout::{FileLayout, HEAD_BYTES, recognise_layout};
+use crate::format::columns::{Column, ColumnRoles, Wanted, duplicate, positions, recognise};
+use crate::format::layout::{FileLayout, HEAD_BYTES, Header, recognise_layout};
 use crate::format::mapping::{ColumnRef, LogFormat, Mapping};
 use crate::format::meaning::{Meaning, StatedUnit};
 use crate::line::line_ends;
+use crate::read::all::ReadOptions;
 use crate::stream::chunk::CHUNK_BYTES;
 use crate::stream::source::LogSource;
 use shell_data::ColumnNames;
+use shell_data::statistics::upper_median;
 use shell_data::telemetry::Telemetry;
+use shell_data::unit::Scale;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 use table_file::{FileKind, Table};
 
@@ -23,6 +26,45 @@ pub struct Log {
     pub(crate) source: LogSource,
     pub(crate) layout: FileLayout,
     pub(crate) chunk_bytes: usize,
+    replaces_wrench: bool,
+}
+
+/// Checks that the rows of two logs are at the same times, within half a step, if both have a clock.
+fn check_times(first: &Log, second: &Log) -> Result<(), LogError> {
+    if !first.has_time() || !second.has_time() {
+        return Ok(());
+    }
+    let wanted = Wanted { time: true, ..Wanted::default() };
+    let times = |log: &Log| log.read_whole(&wanted, &ReadOptions::default());
+    let [first_s, second_s] = [times(first)?, times(second)?].map(|(block, _)| block.time_s);
+    let mut steps: Vec<f64> = first_s.windows(2).map(|pair| (pair[1] - pair[0]).abs()).collect();
+    let step = upper_median(&mut steps).unwrap_or(0.0);
+    let differs = |pair: &(&f64, &f64)| (pair.0 - pair.1).abs() > step / 2.0;
+    match first_s.iter().zip(&second_s).enumerate().find(|(_, pair)| differs(pair)) {
+        None => Ok(()),
+        Some((row, (&first_s, &second_s))) => Err(LogError::RowMismatch {
+            path: first.path().to_owned(),
+            companion: second.path().to_owned(),
+            problem: RowMismatch::Times { row: row + 1, first: first_s, second: second_s },
+        }),
+    }
+}
+
+/// Returns the columns that tell the time of a table: the clock, its parts, and others that are called dates or times.
+/// `None` without a clock.
+fn clock_columns(columns: &[Column], roles: &ColumnRoles) -> Option<Vec<usize>> {
+    let clock = roles.time?;
+    let is_called =
+        |name: &str| ["date", "datum", "time", "zeit"].iter().any(|it| name.contains(it));
+    let others = columns.iter().enumerate().filter(|(_, column)| {
+        column.meaning == Meaning::Other && is_called(&column.name.to_lowercase())
+    });
+    let parts = roles.time_parts.iter().map(|part| part.column);
+    let mut all: Vec<usize> =
+        std::iter::once(clock).chain(parts).chain(others.map(|(at, _)| at)).collect();
+    all.sort_unstable();
+    all.dedup();
+    Some(all)
 }
 
 impl Log {
@@ -43,18 +85,47 @@ impl Log {
         Self::new(LogSource::in_memory(name, bytes, mapping.table.as_deref())?, mapping)
     }
 
-    /// Opens a log with a `companion`, whose columns follow those of the log, row by row. If neither file has names
-    /// and nothing is specified, the log has readings and the companion's six columns are the wrench.
+    /// Opens a log with a `companion`, whose columns follow those of the log, row by row. If both have a wrench, the
+    /// companion's is taken. If neither file has names and nothing is specified, the log has readings and the
+    /// companion's six columns are the wrench.
     ///
     /// # Errors
-    /// Errors of [`Log::open`] for either file, and [`LogError::RowMismatch`] if their rows do not match.
+    /// Errors of [`Log::open`] for either file, and [`LogError::RowMismatch`] if their rows do not match or are at
+    /// other times.
     pub fn open_with_companion(
         path: &Path,
         companion: &Path,
         mapping: &Mapping,
     ) -> Result<Self, LogError> {
         let source = LogSource::new(path, mapping.table.as_deref())?;
-        let source = source.with_companion(LogSource::new(companion, None)?)?;
+        let companion = LogSource::new(companion, None)?;
+        // Each file by itself, as far as it is a log.
+        let alone = Mapping {
+            header_line: mapping.header_line,
+            skip_lines: mapping.skip_lines,
+            ..Mapping::default()
+        };
+        let open = |source: &LogSource| Self::new(source.clone(), &alone).ok();
+        let logs = open(&source).zip(open(&companion));
+        if let Some((first, second)) = &logs
+            && mapping.time.is_none()
+        {
+            check_times(first, second)?;
+        }
+        if let Some((first, second)) = &logs
+            && let Some(rows) =
+                first.layout.header.side_rows().zip(second.layout.header.side_rows())
+            && source.is_text()
+            && companion.is_text()
+        {
+            let source = source.with_rows_of(companion, [rows.0, rows.1]);
+            let sides = [first, second].map(|log| (&log.layout.header, &log.layout.roles));
+            let header = Header::joined(sides, source.sides.separator());
+            let mut log = Self::with_header(source, mapping, Some(header))?;
+            log.replaces_wrench = first.has_wrench() && second.has_wrench();
+            return Ok(log);
+        }
+        let source = source.with_companion(companion)?;
         let mut mapping = mapping.clone();
         if !source.sides.has_names {
             let [readings, others] = source.sides.columns;
@@ -71,6 +142,14 @@ impl Log {
     }
 
     fn new(source: LogSource, mapping: &Mapping) -> Result<Self, LogError> {
+        Self::with_header(source, mapping, None)
+    }
+
+    fn with_header(
+        source: LogSource,
+        mapping: &Mapping,
+        header: Option<Header>,
+    ) -> Result<Self, LogError> {
         let table = source.as_whole_table();
         if table.is_some() && mapping.format == Some(LogFormat::Console) {
             let (format, found) = (LogFormat::Console, table.map_or(0, Table::width));
@@ -83,16 +162,16 @@ impl Log {
             let names = table.names()?;
             let may_tell =
                 |at: &usize| !table.is_real(*at) || Interleaving::is_identity(&names[*at]);
-            let columns = (0..names.len()).filter(may_tell).collect();
-            let clock = recognise(names, &[], LogFormat::Csv, mapping).ok()?.1.time;
-            Some(clock.map_or(columns, |clock| vec![clock]))
+            let others = (0..names.len()).filter(may_tell).collect();
+            let (columns, roles) = recognise(names, &[], LogFormat::Csv, mapping).ok()?;
+            Some(clock_columns(&columns, &roles).unwrap_or(others))
         });
         let head = source.head(shown.as_deref(), HEAD_BYTES as usize)?;
         // A row may be empty in the columns that are shown.
         let has_rows = |table: &Table| line_ends(&head) > u64::from(table.columns.is_some());
         let whole = (head.len() as u64) < HEAD_BYTES && !table.is_some_and(has_rows);
-        let layout = recognise_layout(&source, &head, whole, mapping)?;
-        Ok(Self { source, layout, chunk_bytes: CHUNK_BYTES })
+        let layout = recognise_layout(&source, &head, whole, mapping, header)?;
+        Ok(Self { source, layout, chunk_bytes: CHUNK_BYTES, replaces_wrench: false })
     }
 
     /// Sets the approximate bytes per block, to test that results do not depend on them.
@@ -211,6 +290,11 @@ impl Log {
         .into_iter()
         .filter_map(|(is_taken, what)| is_taken.then_some(what))
         .collect()
+    }
+
+    /// Returns true if the companion's wrench is taken in place of the log's own.
+    pub fn replaces_wrench(&self) -> bool {
+        self.replaces_wrench
     }
 
     pub fn companion(&self) -> Option<&Path> {
@@ -366,6 +450,9 @@ impl Log {
             let column = self.layout.columns[at].name.clone();
             return Err(self.error_in_names(PlacedProblem::UnclearDate { column, date }));
         }
+        if wanted.wrench {
+            self.check_all_have_units()?;
+        }
         let time = roles.time.iter().filter(|_| wanted.time);
         for &at in time.chain(roles.wrench.iter().flatten().filter(|_| wanted.wrench)) {
             let column = &self.layout.columns[at];
@@ -374,6 +461,26 @@ impl Log {
             {
                 let (column, unit) = (column.name.clone(), unit.clone());
                 let problem = PlacedProblem::UnknownUnit { column, unit, quantity };
+                return Err(self.error_in_names(problem));
+            }
+        }
+        Ok(())
+    }
+
+    /// Checks that no load lacks a unit beside one that is stated and is not SI.
+    fn check_all_have_units(&self) -> Result<(), LogError> {
+        for is_moment in [false, true] {
+            let axes = Axis::ALL.into_iter().filter(|axis| axis.is_moment() == is_moment);
+            let columns = axes.filter_map(|axis| self.layout.roles.wrench[axis.index()]);
+            let columns: Vec<&Column> = columns.map(|at| &self.layout.columns[at]).collect();
+            let is_foreign = |column: &&&Column| {
+                column.unit.known().is_some_and(|unit| unit.scale != Scale::ONE)
+            };
+            let bare = columns.iter().find(|column| column.unit == StatedUnit::None);
+            if let (Some(stated), Some(bare)) = (columns.iter().find(is_foreign), bare) {
+                let unit = stated.unit.known().map_or_else(String::new, |unit| unit.symbol.clone());
+                let columns = Box::new([bare.name.clone(), stated.name.clone()]);
+                let problem = PlacedProblem::UnitOfSome { columns, unit, is_moment };
                 return Err(self.error_in_names(problem));
             }
         }

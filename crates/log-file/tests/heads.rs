@@ -489,7 +489,8 @@ fn units_above_the_names_and_ones_among_them_are_read() {
 #[test]
 fn numbers_of_columns_in_place_of_names_are_no_row() {
     let row = |of: usize| {
-        (0..15).map(|at| (50 * of + 7 * at).to_string()).collect::<Vec<_>>().join(",") + "\n"
+        let number = |at: usize| if at == 0 { of } else { 50 * of + 7 * at };
+        (0..15).map(|at| number(at).to_string()).collect::<Vec<_>>().join(",") + "\n"
     };
     let data: String = (1..9).map(row).collect();
     for start in [0, 1] {
@@ -513,4 +514,297 @@ fn numbers_of_columns_in_place_of_names_are_no_row() {
             assert_eq!(axis(&rows, Axis::Fx)[0], 113.0);
         }
     }
+}
+
+/// The times of a log's first and last row.
+fn ends(log: &Log) -> (f64, f64) {
+    let times = rows(log).time_s;
+    (times[0], times[times.len() - 1])
+}
+
+fn refusal(text: &str) -> String {
+    let read = open_with(text, &Mapping::default()).and_then(|log| {
+        let wanted = Wanted {
+            time: log.has_time(),
+            readings: log.channels() > 0,
+            wrench: log.has_wrench(),
+            ..Wanted::default()
+        };
+        log.read_whole(&wanted, &ReadOptions { skip_bad_rows: true, ..ReadOptions::default() })
+    });
+    read.err().unwrap_or_else(|| panic!("{text}")).to_string()
+}
+
+fn table(head: &str, row: &dyn Fn(usize) -> String) -> String {
+    head.to_owned() + &(0..40).map(|at| row(at) + "\n").collect::<String>()
+}
+
+#[test]
+fn a_clock_in_several_columns_is_their_sum() {
+    // `date -u -d 2026-03-21T12:00 +%s`
+    let noon = 1_774_094_400.0;
+    for (text, first, last) in [
+        (
+            table("Date,Time,Fx (N)\n", &|at| format!("2026-03-21,12:00:{at:02}.25,{at}")),
+            noon + 0.25,
+            noon + 39.25,
+        ),
+        (
+            table("Datum;Uhrzeit;Fx (N)\n", &|at| format!("21.03.2026;12:00:{at:02};{at},5")),
+            noon,
+            noon + 39.0,
+        ),
+        (
+            table("Date,Time,Millisecond,Fx (N)\n", &|at| {
+                format!("3/21/2026,12:00:{:02},{},{at}", at / 10, at % 10 * 100)
+            }),
+            noon,
+            noon + 3.9,
+        ),
+        (
+            table("Datum;Uhrzeit;Millisekunden;Fx (N)\n", &|at| {
+                format!("21.03.2026;12:00:{:02};{};{at},5", at / 10, at % 10 * 100)
+            }),
+            noon,
+            noon + 3.9,
+        ),
+        (
+            table("date,time,Fx (N)\n", &|at| {
+                let (day, time) = if at < 20 { (20, "23:59") } else { (21, "00:00") };
+                format!("2026-03-{day},{time}:{:02},{at}", if at < 20 { 40 + at } else { at - 20 })
+            }),
+            noon - 43_220.0,
+            noon - 43_181.0,
+        ),
+        (
+            table("sec,msec,Fx (N)\n", &|at| format!("{},{},{at}", 5 + at / 4, at % 4 * 250)),
+            5.0,
+            14.75,
+        ),
+        (
+            table("tv_sec,tv_usec,Fx (N)\n", &|at| {
+                format!("{},{},{at}", 1_700_000_000 + at / 2, at % 2 * 500_000)
+            }),
+            1_700_000_000.0,
+            1_700_000_019.5,
+        ),
+        (
+            table("t_sec,t_nsec,Fx (N)\n", &|at| {
+                format!("{},{},{at}", at / 2, at % 2 * 500_000_000)
+            }),
+            0.0,
+            19.5,
+        ),
+        // Other columns are no part of the clock.
+        (table("time,ms,Fx (N)\n", &|at| format!("{at},{},{at}", at % 7)), 0.0, 39.0),
+        (table("Date,Time,Fx (N)\n", &|at| format!("2026-03-21,{at}.5,{at}")), 0.5, 39.5),
+    ] {
+        let found = ends(&open(&text));
+        // Doubles near 1.8e9 are 2.4e-7 apart.
+        assert!(
+            (found.0 - first).abs() < 3e-7 && (found.1 - last).abs() < 3e-7,
+            "{found:?}: {text}"
+        );
+    }
+    // Two full clocks are not added up, and seconds that stand still are no clock.
+    let log =
+        open(&table("sec,nsec,Fx (N)\n", &|at| format!("{},{},{at}", at / 4, at * 250_000_000)));
+    assert!(!log.has_time());
+}
+
+#[test]
+fn names_of_times_in_words_say_their_unit() {
+    for (name, last) in [
+        ("epoch_ms", 0.39),
+        ("Zeit in ms", 0.39),
+        ("Zeit in Millisekunden", 0.39),
+        ("elapsed time in milliseconds", 0.39),
+        ("Temps (ms)", 0.39),
+        ("unix_ms", 0.39),
+        ("ms", 0.39),
+        ("sensor timestamp [ms]", 0.39),
+    ] {
+        let text = table(&format!("{name};Fx (N)\n"), &|at| format!("{};{at}", 10 * at));
+        assert_eq!(ends(&open(&text)), (0.0, last), "{name}");
+    }
+    // Steps of 10 are ten seconds or ten milliseconds, unless the rate tells.
+    let bare = table("timestamp,Fx (N)\n", &|at| format!("{},{at}", 10 * at));
+    assert!(refusal(&bare).contains("the time unit of column `timestamp` is not known"));
+    let with_rate = format!("Sample Rate: 100\n{bare}");
+    assert_eq!(ends(&open(&with_rate)), (0.0, 0.39));
+}
+
+#[test]
+fn days_of_a_spreadsheet_become_seconds_since_1970() {
+    // Day 46102.5 of Excel is 2026-03-21 at noon.
+    let text = table("Time,Fx (N)\n", &|at| {
+        format!("{:.11},{at}", 46_102.5 + 0.25 * at as f64 / 86_400.0)
+    });
+    assert!(refusal(&text).contains("the time unit of column `Time` is not known"));
+    let days = vec![("time".to_owned(), "d".to_owned())];
+    let log = open_with(&text, &Mapping { units: days, ..Mapping::default() }).unwrap();
+    let (first, last) = ends(&log);
+    assert_eq!(first, 1_774_094_400.0);
+    // The numbers have eleven decimals: 1e-6 s.
+    assert!((last - first - 9.75).abs() < 1e-5, "{last}");
+}
+
+#[test]
+fn a_group_of_columns_gives_its_axis_and_unit() {
+    let row = |at: usize| format!("{at}.5,{at},2000,3000,4,5,6");
+    for head in [
+        "Time (s),Force (mN),,,Torque (mNm),,\n,x,y,z,x,y,z\n",
+        "Time,Force,,,Torque,,\n,x,y,z,x,y,z\ns,mN,mN,mN,mNm,mNm,mNm\n",
+        ",Kraft [mN],,,Drehmoment [mNm],,\nZeit,X,Y,Z,X,Y,Z\n",
+        "Time (s),Plate (mN),,,Plate (mNm),,\nTime,Fx,Fy,Fz,Mx,My,Mz\n",
+    ] {
+        let log = open(&table(head, &row));
+        let found = rows(&log);
+        assert_eq!((axis(&found, Axis::Fy)[7], axis(&found, Axis::Mz)[7]), (2.0, 0.006), "{head}");
+        assert_eq!(found.time_s[39], 39.5, "{head}");
+    }
+}
+
+#[test]
+fn units_above_the_names_hold_for_all_columns_of_their_kind() {
+    let six = |at: usize| format!("{at},1,2,3,4,5");
+    for head in [
+        "Units,lbs,lbs,lbs,in-lbs,in-lbs,in-lbs\nFx,Fy,Fz,Mx,My,Mz\n",
+        "Units: lbf, in-lbf, mils\nFx,Fy,Fz,Mx,My,Mz\n",
+        "% Force Units: lbf\n% Torque Units: lbf-in\nFx,Fy,Fz,Mx,My,Mz\n",
+    ] {
+        let found = rows(&open(&table(head, &six)));
+        let (fy, mx) = (axis(&found, Axis::Fy)[0], axis(&found, Axis::Mx)[0]);
+        // NIST SP 811, tables B.8 and B.9, times 1 and 3.
+        assert!((fy - 4.448_221_615_260_5).abs() < 1e-14, "{head}: {fy}");
+        assert!((mx - 3.0 * 0.112_984_829_027_616_7).abs() < 1e-14, "{head}: {mx}");
+    }
+    // A Net F/T box sends counts.
+    let said = refusal(&table("rdt_sequence,Fx,Fy,Fz,Tx,Ty,Tz\n", &|at| {
+        format!("{at},1000000,-200,3,4,5,6")
+    }));
+    assert!(said.contains("the unit `counts` of its force is not understood"), "{said}");
+    // A unit of forces alone says nothing about moments.
+    let said = refusal(&table("Units: lbf\nFx,Fy,Fz,Mx,My,Mz\n", &six));
+    assert!(said.contains("the unit `lbf` of its moment is not understood"), "{said}");
+    let lines = "{\"type\":\"meta\",\"rate_hz\":100,\"units\":{\"fx\":\"mN\"}}\n";
+    let log = open(&table(lines, &|at| format!("{{\"fx\":{},\"s1\":7,\"s2\":{at}}}", 1000 * at)));
+    let found = rows(&log);
+    assert_eq!((found.rows, found.time_s[39], axis(&found, Axis::Fx)[39]), (40, 0.39, 39.0));
+}
+
+#[test]
+fn a_unit_of_some_axes_is_no_unit_of_the_others() {
+    for head in ["Fx (mN),Fy,Fz,s1,s2\n", "Fx,Fy,Fz,s1,s2\nmN,,,V,V\n"] {
+        let said = refusal(&table(head, &|at| format!("{at},2,3,4,{at}")));
+        assert!(said.contains("column `Fy` has no unit, and `Fx"), "{said}");
+    }
+    // Without a unit a force is in N, like the others.
+    let log = open(&table("Fx (N),Fy,Fz\n", &|at| format!("{at},2,3")));
+    assert_eq!(axis(&rows(&log), Axis::Fy)[0], 2.0);
+}
+
+#[test]
+fn a_repeated_head_is_passed_over_and_another_one_is_refused() {
+    let row = |at: usize| format!("{at}.5,10,20,{at}");
+    let of = |head: &str| table(head, &row);
+    for head in ["t_s,s1,s2,Fx (N)\n", "t_s,s1,s2,Fx\ns,V,V,mN\n", "\"t_s\",\"s1\",\"s2\",\"Fx\"\n"]
+    {
+        let text = of(head) + &of(head);
+        assert_eq!(rows(&open(&text)).rows, 80, "{head}");
+    }
+    let savetxt = |head: &str| table(head, &|at| format!("{at}.5 10 20 {at}"));
+    assert_eq!(rows(&open(&(savetxt("# t s1 s2 fx\n") + &savetxt("# t s1 s2 fx\n")))).rows, 80);
+    for (first, second, line) in [
+        (of("t_s,s1,s2,Fx (N)\n"), of("t_s,s2,s1,Fx (N)\n"), 42),
+        (of("t_s,s1,s2,Fx (N)\n"), of("t_s,s1,s2,Fx (mN)\n"), 42),
+        (of("t_s,s1,s2,Fx\ns,V,V,N\n"), of("t_s,s1,s2,Fx\ns,V,V,mN\n"), 44),
+        (savetxt("# t s1 s2 fx\n"), savetxt("# t s2 s1 fx\n"), 42),
+    ] {
+        let said = refusal(&(first + &second));
+        let expected = format!("line {line}: the names of other columns than in line 1");
+        assert!(said.contains(&expected), "{said}");
+    }
+}
+
+#[test]
+fn an_excluded_group_must_be_there() {
+    let text = table("t_s,s1,s2,group\n", &|at| format!("{at},1,2,{}", ["A", "B"][at / 20]));
+    let without = |group: &str| {
+        let excluded_groups = vec![group.to_owned()];
+        let log = open_with(&text, &Mapping { excluded_groups, ..Mapping::default() }).unwrap();
+        let wanted = Wanted { readings: true, ..Wanted::default() };
+        log.read_whole(&wanted, &ReadOptions::default()).map(|(block, _)| block.rows)
+    };
+    assert_eq!(without("A").unwrap(), 20);
+    let said = without("C").unwrap_err().to_string();
+    assert!(said.contains("column `group` has no `C` to leave out"), "{said}");
+}
+
+#[test]
+fn marks_between_thousands_are_left_out_and_said() {
+    let text = table("Zeit;s1;s2;Fx (N)\n", &|at| {
+        format!("0,{at:02};{};1.{:03},5;0,5", if at < 20 { "981" } else { "1.075" }, 10 + at)
+    });
+    let log = open(&text);
+    assert!(said(&log).contains("marks between thousands, in `s1`, `s2`"), "{}", said(&log));
+    let found = rows(&log);
+    assert_eq!((found.readings[0][39], found.readings[1][39]), (1075.0, 1049.5));
+    let said = refusal(&table("t_s;s1;s2\n", &|at| format!("0,{at:02};1.{:03};2.113", at + 75)));
+    assert!(said.contains("line 2: column `s1`: the mark in `1.075` is decimal or"), "{said}");
+}
+
+#[test]
+fn units_are_found_behind_capitals_and_in_columns_of_their_own() {
+    let last = |text: &str| {
+        let found = rows(&open(text));
+        (found.time_s[39], axis(&found, Axis::Fx)[39])
+    };
+    let of = |head: &str, rest: &str| table(head, &|at| format!("{},{}{rest}", 10 * at, 1000 * at));
+    for text in [
+        of("timeMs,forceXmN\n", ""),
+        of("time_unix_ms,fx_mn\n", ""),
+        of("timeSinceStartMs,FxMN (mN)\n", "").replace("FxMN", "Fx"),
+        of("time (ms),fx,unit\n", ",mN"),
+        of("t_ms,Fx (mN); RAW\n", ""),
+        table("", &|at| format!("t_ms:{} Fx:{}mN", 10 * at, 1000 * at)),
+    ] {
+        assert_eq!(last(&text), (0.39, 39.0), "{text}");
+    }
+    // A cycle time and a duration are no clock.
+    for name in ["cycleTimeMs", "dead time (ms)", "time_of_flight_ms"] {
+        assert!(!open(&of(&format!("{name},fx_mn\n"), "")).has_time(), "{name}");
+    }
+}
+
+#[test]
+fn lists_of_a_wrench_are_its_axes() {
+    for names in [
+        "wrench1,wrench2,wrench3,wrench4,wrench5,wrench6",
+        "observation.wrench.0,observation.wrench.1,observation.wrench.2,observation.wrench.3,\
+         observation.wrench.4,observation.wrench.5",
+        "force1,force2,force3,torque1,torque2,torque3",
+        "force[0],force[1],force[2],torque[0],torque[1],torque[2]",
+    ] {
+        let log = open(&table(&format!("t_s,{names}\n"), &|at| format!("{at},1,2,3,4,5,6")));
+        let found = rows(&log);
+        assert_eq!((axis(&found, Axis::Fy)[0], axis(&found, Axis::Mz)[0]), (2.0, 6.0), "{names}");
+    }
+    // Six load cells are no wrench.
+    let log = open(&table("t_s,force1,force2,force3,force4,force5,force6\n", &|at| {
+        format!("{at},1,2,3,4,5,6")
+    }));
+    assert!(!log.has_wrench());
+}
+
+#[test]
+fn one_object_of_lists_is_no_row() {
+    let list = (0..40).map(|at| at.to_string()).collect::<Vec<_>>().join(",");
+    let said = refusal(&format!("{{\"t\":[{list}],\"fx\":[{list}]}}\n"));
+    assert!(said.contains("is a JSON document, which is not read"), "{said}");
+    let octave = |name: &str| {
+        format!("# name: {name}\n# type: matrix\n# rows: 2\n# columns: 1\n 1\n 2\n\n\n")
+    };
+    let said = refusal(&format!("# Created by Octave 8.4.0\n{}{}", octave("t"), octave("s")));
+    assert!(said.contains("is text of Octave with several variables"), "{said}");
 }

@@ -29,6 +29,8 @@ pub struct ReadSummary {
     pub repeated_rows: u64,
     /// Invalid rows that were left out, including an incomplete last row.
     pub skipped_rows: u64,
+    /// Lines that repeat the head of the log, as where logs were put together.
+    pub repeated_heads: u64,
     /// Checksum of the file on disk, if requested.
     pub checksum: Option<String>,
 }

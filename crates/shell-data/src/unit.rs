@@ -135,7 +135,7 @@ const SYMBOLS: [Symbol; 20] = [
     Symbol(&["m", "meter", "metre"], LENGTH, 1.0, 0, "µumcd"),
     Symbol(&["in", "inch", "inches"], LENGTH, 0.0254, 0, ""),
     Symbol(&["ft", "foot", "feet"], LENGTH, 0.3048, 0, ""),
-    Symbol(&["s", "sec", "second"], TIME, 1.0, 0, "nµum"),
+    Symbol(&["s", "sec", "second", "sekunde", "sekunden", "seconde"], TIME, 1.0, 0, "nµum"),
     Symbol(&["min", "minute"], TIME, 60.0, 0, ""),
     Symbol(&["h", "hr", "hour"], TIME, 3600.0, 0, ""),
     Symbol(&["d", "day"], TIME, 86_400.0, 0, ""),
@@ -147,7 +147,7 @@ const SYMBOLS: [Symbol; 20] = [
 /// Prefixes: the character for [`SYMBOLS`], the spellings, and the power of ten.
 const PREFIXES: [(char, &[&str], i32); 10] = [
     ('n', &["n", "nano"], -9),
-    ('µ', &["µ", "micro"], -6),
+    ('µ', &["µ", "micro", "mikro"], -6),
     ('u', &["u"], -6),
     ('m', &["m", "milli"], -3),
     ('c', &["c", "centi"], -2),

@@ -15,9 +15,18 @@ pub struct Array {
     /// Number of rows, of columns, and the lengths of further dimensions.
     pub size: Vec<usize>,
     pub(crate) unit: Option<String>,
+    /// Names and units of the columns, if the file states any.
+    pub(crate) labels: Labels,
     /// True for storage row by row, false for column by column.
     pub(crate) is_by_row: bool,
     pub(crate) values: ArrayValues,
+}
+
+/// Lists of names and of units, each empty or with as many texts as the array has columns.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Labels {
+    pub(crate) names: Vec<String>,
+    pub(crate) units: Vec<String>,
 }
 
 #[derive(Clone, Debug)]
@@ -93,6 +102,61 @@ fn leaf(name: &str) -> &str {
     name.rsplit('/').next().unwrap_or_default()
 }
 
+impl Labels {
+    /// Iterates over the name and unit of each of `count` columns.
+    fn of_columns(&self, count: usize) -> impl Iterator<Item = (Option<&String>, Option<&String>)> {
+        let fits = |all: &[String]| all.len() == count;
+        let (has_names, has_units) = (fits(&self.names), fits(&self.units));
+        (0..count).map(move |at| {
+            let name = self.names.get(at).filter(|_| has_names);
+            (name, self.units.get(at).filter(|_| has_units))
+        })
+    }
+}
+
+/// Names of arrays and attributes that hold units, and names of columns.
+pub(crate) const UNITS: [&str; 2] = ["units", "unit"];
+pub(crate) const NAMES: [&str; 6] =
+    ["columns", "column_names", "names", "labels", "channels", "fields"];
+
+/// Gives matrices the names and units in lists of texts with as many elements as they have columns.
+fn label(all: &mut [Array]) {
+    let list = |names: &[&str], count: usize| {
+        let is_called =
+            |array: &&Array| names.iter().any(|it| array.leaf().eq_ignore_ascii_case(it));
+        let mut texts = all.iter().filter(is_called).filter_map(|array| match &array.values {
+            ArrayValues::Texts(texts) if texts.len() == count => Some(texts.to_vec()),
+            _ => None,
+        });
+        texts.next().unwrap_or_default()
+    };
+    let labels: Vec<Labels> = all
+        .iter()
+        .map(|array| match array.sides() {
+            (rows, count) if count > 1 && rows != count => {
+                Labels { names: list(&NAMES, count), units: list(&UNITS, count) }
+            }
+            _ => Labels::default(),
+        })
+        .collect();
+    for (array, labels) in all.iter_mut().zip(labels) {
+        let is_given = !array.labels.names.is_empty() || !array.labels.units.is_empty();
+        array.labels = if is_given { std::mem::take(&mut array.labels) } else { labels };
+    }
+}
+
+/// Returns single numbers and texts, which describe the others.
+pub(crate) fn attributes_in(all: &[Array]) -> Vec<(String, String)> {
+    let single = |array: &Array| match &array.values {
+        ArrayValues::Numbers(_) if array.sides() == (1, 1) => {
+            array.values()?.first().map(|number| number.to_string())
+        }
+        ArrayValues::Texts(texts) if texts.len() == 1 => texts.first().cloned(),
+        _ => None,
+    };
+    all.iter().filter_map(|array| Some((array.leaf().to_owned(), single(array)?))).collect()
+}
+
 impl ArrayValues {
     /// Returns the number of bytes of all texts, zero for numbers.
     pub(crate) fn text_bytes(&self) -> u64 {
@@ -158,6 +222,8 @@ pub(crate) fn columns_of_log(
     name: Option<&str>,
 ) -> Result<LogColumns, TableError> {
     let (mut notes, mut fitting, mut left_out) = (Vec::new(), Vec::new(), Vec::new());
+    let mut all = all;
+    label(&mut all);
     for array in all {
         match array.refusal() {
             Some(why) => {
@@ -211,6 +277,8 @@ pub(crate) fn columns_of_log(
 fn names(all: &[Array]) -> Option<Vec<TableColumn>> {
     if let [matrix] = all
         && matrix.sides().1 > 1
+        && matrix.unit.is_none()
+        && matrix.labels.of_columns(matrix.sides().1).all(|(name, unit)| name.or(unit).is_none())
     {
         return None;
     }
@@ -219,11 +287,13 @@ fn names(all: &[Array]) -> Option<Vec<TableColumn>> {
     let is_short = all.iter().all(is_alone);
     let columns = |array: &Array| {
         let name = if is_short { array.leaf() } else { &array.name };
-        let column = |name: String| TableColumn { name, unit: array.unit.clone() };
-        match array.sides().1 {
-            1 => vec![column(name.to_owned())],
-            count => (1..=count).map(|at| column(format!("{name}{at}"))).collect(),
-        }
+        let count = array.sides().1;
+        let column = |(at, (label, unit)): (usize, (Option<&String>, Option<&String>))| {
+            let numbered = || if count == 1 { name.to_owned() } else { format!("{name}{at}") };
+            let name = label.filter(|_| count > 1).cloned().unwrap_or_else(numbered);
+            TableColumn { name, unit: unit.or(array.unit.as_ref()).cloned() }
+        };
+        (1..).zip(array.labels.of_columns(count)).map(column).collect::<Vec<_>>()
     };
     Some(all.iter().flat_map(columns).collect())
 }
@@ -291,5 +361,51 @@ impl RowSource for ArrayRows {
             part.rows = rows;
             Ok(())
         }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn texts_label_matrices_and_single_values_describe_them() {
+        let numbers = |rows: usize, columns: usize| {
+            let bytes: Vec<u8> =
+                (0..rows * columns).flat_map(|at| (at as f64).to_le_bytes()).collect();
+            let (range, element) = (0..bytes.len(), Element::Double);
+            ArrayValues::Numbers(ArrayNumbers {
+                bytes: Arc::new(bytes),
+                range,
+                element,
+                is_little: true,
+            })
+        };
+        let texts = |of: &[&str]| {
+            ArrayValues::Texts(Arc::new(of.iter().map(|&text| text.to_owned()).collect()))
+        };
+        let array = |name: &str, size: [usize; 2], values: ArrayValues| Array {
+            name: name.to_owned(),
+            size: size.to_vec(),
+            unit: None,
+            labels: Labels::default(),
+            is_by_row: true,
+            values,
+        };
+        let all = vec![
+            array("log/data", [12, 2], numbers(12, 2)),
+            array("log/labels", [2, 1], texts(&["t", "fz"])),
+            array("log/Units", [2, 1], texts(&["ms", "kN"])),
+            array("fs", [1, 1], numbers(1, 1)),
+            array("unit", [1, 1], texts(&["N"])),
+        ];
+        let attributes = [("fs", "0"), ("unit", "N")];
+        let attributes = attributes.map(|(key, value)| (key.to_owned(), value.to_owned()));
+        assert_eq!(attributes_in(&all), attributes);
+        let (columns, ..) = columns_of_log(FileKind::Matlab, all, None).unwrap();
+        let columns = columns.unwrap().into_iter();
+        let found: Vec<_> = columns.map(|of| (of.name, of.unit.unwrap_or_default())).collect();
+        let expected = [("t", "ms"), ("fz", "kN")];
+        assert_eq!(found, expected.map(|(name, unit)| (name.to_owned(), unit.to_owned())));
     }
 }

@@ -238,11 +238,14 @@ pub(crate) struct FoundTable {
     pub(crate) rows: Arc<dyn RowSource>,
     pub(crate) notes: Vec<String>,
     pub(crate) is_cut_off: bool,
+    /// Keys and values that describe the whole table.
+    pub(crate) attributes: Vec<(String, String)>,
 }
 
 impl FoundTable {
     pub(crate) fn new(columns: Option<Vec<TableColumn>>, rows: impl RowSource + 'static) -> Self {
-        Self { columns, rows: Arc::new(rows), notes: Vec::new(), is_cut_off: false }
+        let (notes, attributes) = (Vec::new(), Vec::new());
+        Self { columns, rows: Arc::new(rows), notes, is_cut_off: false, attributes }
     }
 }
 

@@ -1,6 +1,7 @@
 //! Numbers in HDF5 files, including MATLAB 7.3. The crate `hdf5-pure` reads the format; this module selects the data
 //! sets of a log and limits the memory that a file may use.
 
+use std::collections::HashMap;
 use std::io::Read;
 use std::sync::Arc;
 
@@ -9,11 +10,15 @@ use hdf5_pure::{
     Group, ReadSeekSource, Source, VlenStringReadOptions,
 };
 
-use crate::arrays::{Array, ArrayNumbers, ArrayRows, ArrayValues, columns_of_log};
+use crate::arrays::{
+    Array, ArrayNumbers, ArrayRows, ArrayValues, Labels, NAMES, UNITS, attributes_in,
+    columns_of_log,
+};
 use crate::budget;
 use crate::element::Element;
 use crate::format::{FileSource, FoundTable, OpenFile, RowSource, RowStream, WantedColumn};
 use crate::kind::{FileKind, TableError};
+use shell_data::unit::{Quantity, Unit};
 
 const KIND: FileKind = FileKind::Hdf5;
 
@@ -53,10 +58,11 @@ pub(crate) fn open(source: &FileSource, part: Option<&str>) -> Result<FoundTable
         return Err(KIND.damaged("it is cut off"));
     }
     let mut found = DataSets { is_matlab, ..DataSets::default() };
-    found.add(&file.root(), "", DEPTH)?;
+    found.add(&file.root(), "", &GroupLabels::default(), DEPTH)?;
     let (columns, sets, notes) = columns_of_log(KIND, found.sets, part)?;
     let rows = Arc::new(Hdf5Table { file: source.clone(), sets });
-    Ok(FoundTable { columns, rows, notes, is_cut_off: false })
+    let attributes = [found.attributes, found.scalars].concat();
+    Ok(FoundTable { columns, rows, notes, is_cut_off: false, attributes })
 }
 
 #[derive(Default)]
@@ -64,13 +70,99 @@ struct DataSets {
     sets: Vec<Array>,
     objects: usize,
     is_matlab: bool,
+    attributes: Vec<(String, String)>,
+    /// Data sets of a single value.
+    scalars: Vec<(String, String)>,
+}
+
+/// The largest text of a single value, bytes.
+const SCALAR: u64 = 1 << 12;
+
+type Attributes = HashMap<String, AttrValue>;
+
+/// Names and units in the attributes of a group or a data set.
+#[derive(Clone, Debug, Default)]
+struct GroupLabels {
+    unit: Option<String>,
+    labels: Labels,
+}
+
+impl GroupLabels {
+    /// Reads attributes; those of the group above fill in what they lack.
+    fn new(attributes: &Attributes, above: &Self) -> Self {
+        let units = texts_of(attributes, &UNITS).unwrap_or_default();
+        let list = |texts: &[String], above: &[String]| {
+            if texts.len() > 1 { texts.to_vec() } else { above.to_vec() }
+        };
+        let names = texts_of(attributes, &NAMES).unwrap_or_default();
+        let unit = units.first().filter(|_| units.len() == 1).cloned();
+        Self {
+            unit: unit.or_else(|| above.unit.clone()),
+            labels: Labels {
+                names: list(&names, &above.labels.names),
+                units: list(&units, &above.labels.units),
+            },
+        }
+    }
+
+    /// Returns the labels, or else those of the group.
+    fn or(self, group: &Self) -> Labels {
+        let list = |own: Vec<String>, of: &[String]| if own.is_empty() { of.to_vec() } else { own };
+        Labels {
+            names: list(self.labels.names, &group.labels.names),
+            units: list(self.labels.units, &group.labels.units),
+        }
+    }
+
+    /// Returns the group's unit for a data set; a unit of something else does not concern a time.
+    fn unit_of(&self, name: &str) -> Option<String> {
+        let name = name.to_lowercase();
+        let is_time = name.contains("time") || name == "t" || name.starts_with("t_");
+        let unit = self.unit.clone()?;
+        let suits = Unit::parse(&unit, Quantity::Time).is_some() == is_time;
+        suits.then_some(unit)
+    }
+}
+
+/// Returns the texts of the first of some attributes, in any case.
+fn texts_of(attributes: &Attributes, names: &[&str]) -> Option<Vec<String>> {
+    let of_name = |name: &&str| {
+        let mut same = attributes.iter().filter(|(key, _)| key.eq_ignore_ascii_case(name));
+        same.find_map(|(_, value)| Some(value.as_strings()?.to_vec()))
+    };
+    names.iter().find_map(of_name)
+}
+
+/// Returns texts and numbers that describe the file.
+fn attributes_of_file(attributes: &Attributes) -> Vec<(String, String)> {
+    let pair = |(key, value): (&String, &AttrValue)| {
+        let number = || Some(value.as_f64().or_else(|| Some(value.as_i64()? as f64))?.to_string());
+        // Units of all data sets are those of the group.
+        let is_shared = UNITS.iter().any(|it| key.eq_ignore_ascii_case(it));
+        let text = value.as_str().map(str::to_owned).or_else(number)?;
+        (!is_shared).then(|| (key.clone(), text))
+    };
+    let mut pairs: Vec<(String, String)> = attributes.iter().filter_map(pair).collect();
+    pairs.sort_unstable();
+    pairs
 }
 
 impl DataSets {
     /// Adds the data sets of a group and of its subgroups.
-    fn add(&mut self, group: &Group, path: &str, depth: usize) -> Result<(), TableError> {
+    fn add(
+        &mut self,
+        group: &Group,
+        path: &str,
+        above: &GroupLabels,
+        depth: usize,
+    ) -> Result<(), TableError> {
+        let attributes = group.attrs().map_err(unreadable)?;
+        let of_group = GroupLabels::new(&attributes, above);
+        if depth == DEPTH {
+            self.attributes = attributes_of_file(&attributes);
+        }
         // Octave stores a value with its type in a group; the value is stored column by column.
-        let is_octave = group.attrs().is_ok_and(|it| it.contains_key("OCTAVE_NEW_FORMAT"));
+        let is_octave = attributes.contains_key("OCTAVE_NEW_FORMAT");
         for (name, set) in group.iter_datasets().map_err(unreadable)? {
             self.count()?;
             let is_by_row = !self.is_matlab && !is_octave;
@@ -88,11 +180,21 @@ impl DataSets {
                 (true, "value") => path.trim_end_matches('/').to_owned(),
                 _ => format!("{path}{name}"),
             };
-            let (unit, mut values) = self.values(&set)?;
+            let (unit, own, mut values) = self.values(&set)?;
+            if size.iter().all(|side| *side == 1) && matches!(values, ArrayValues::Unread) {
+                let values = self::values(&set, &name, SCALAR)?;
+                let size = vec![1];
+                let labels = Labels::default();
+                let single =
+                    Array { name: name.clone(), size, unit: None, labels, is_by_row, values };
+                self.scalars.extend(attributes_in(&[single]));
+            }
+            let labels = own.or(&of_group);
+            let unit = unit.or_else(|| of_group.unit_of(&name));
             if is_octave && matches!(set.datatype(), Ok(Datatype::Compound { .. })) {
                 values = ArrayValues::Other("a range of Octave: save with `save -v7`");
             }
-            self.sets.push(Array { name, size, unit, is_by_row, values });
+            self.sets.push(Array { name, size, unit, labels, is_by_row, values });
         }
         if depth == 0 {
             return Ok(());
@@ -101,23 +203,23 @@ impl DataSets {
             self.count()?;
             // `#` groups hold what MATLAB cells and objects refer to, `_i_` groups the indexes of PyTables.
             if !name.starts_with('#') && !name.starts_with("_i_") {
-                self.add(&inner, &format!("{path}{name}/"), depth - 1)?;
+                self.add(&inner, &format!("{path}{name}/"), &of_group, depth - 1)?;
             }
         }
         Ok(())
     }
 
     /// Returns the unit of a data set, and its values or the reason why they are not read.
-    fn values(&self, set: &Dataset) -> Result<(Option<String>, ArrayValues), TableError> {
+    fn values(
+        &self,
+        set: &Dataset,
+    ) -> Result<(Option<String>, GroupLabels, ArrayValues), TableError> {
         let attributes = set.attrs().map_err(unreadable)?;
         let text = |name: &str| attributes.get(name).and_then(AttrValue::as_str);
-        let in_any_case = |name: &str| {
-            let mut others = attributes.iter().filter(|(key, _)| key.eq_ignore_ascii_case(name));
-            text(name).or_else(|| others.find_map(|(_, value)| value.as_str()))
-        };
         // Cuts the origin off units such as "milliseconds since 2026-03-01 12:00:00".
-        let unit = in_any_case("units").or_else(|| in_any_case("unit"));
-        let unit = unit.and_then(|unit| unit.split(" since ").next()).map(str::trim);
+        let units = texts_of(&attributes, &UNITS).filter(|units| units.len() == 1);
+        let unit = units.as_ref().and_then(|units| units[0].split(" since ").next());
+        let unit = unit.map(str::trim);
         let unit = unit.filter(|unit| !unit.is_empty()).map(str::to_owned);
         // MATLAB texts are numbers as well, and an empty matrix stores its dimensions as numbers.
         let is_number = !attributes.contains_key("MATLAB_empty")
@@ -147,7 +249,7 @@ impl DataSets {
             Datatype::Reference { .. } => ArrayValues::Other("references"),
             _ => ArrayValues::Other("values of an unusual type"),
         };
-        Ok((unit, values))
+        Ok((unit, GroupLabels::new(&attributes, &GroupLabels::default()), values))
     }
 
     fn count(&mut self) -> Result<(), TableError> {
@@ -384,5 +486,67 @@ fn unreadable(error: Error) -> TableError {
         Error::Format(ChunkedReadError(what)) if what.contains("B-tree") => KIND
             .unsupported("a data set that can grow along two sides, written with a newer `libver`"),
         error => KIND.damaged(error.to_string()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hdf5_pure::FileBuilder;
+
+    type Pairs = Vec<(String, String)>;
+
+    fn columns(builder: FileBuilder) -> (Pairs, Pairs) {
+        let bytes = builder.finish().unwrap();
+        let found = open(&FileSource::Memory(bytes.into()), None).unwrap();
+        let columns = found.columns.unwrap().into_iter();
+        let pairs = columns.map(|column| (column.name, column.unit.unwrap_or_default()));
+        (pairs.collect(), found.attributes)
+    }
+
+    fn list(texts: &[&str]) -> AttrValue {
+        AttrValue::VarLenStringArray(texts.iter().map(|&text| text.to_owned()).collect())
+    }
+
+    fn pairs(texts: &[(&str, &str)]) -> Pairs {
+        texts.iter().map(|&(name, unit)| (name.to_owned(), unit.to_owned())).collect()
+    }
+
+    #[test]
+    fn units_are_attributes_of_data_sets_groups_and_the_file() {
+        let mut of_columns = FileBuilder::new();
+        of_columns.create_dataset("t_s").with_f64_data(&[0.0, 1.0, 2.0]);
+        let wrench = of_columns.create_dataset("ft").with_f64_data(&[1.0; 6]).with_shape(&[3, 2]);
+        wrench.set_attr("Units", list(&["mN", "mNm"]));
+        let expected = pairs(&[("t_s", ""), ("ft1", "mN"), ("ft2", "mNm")]);
+        assert_eq!(columns(of_columns).0, expected);
+
+        let mut of_groups = FileBuilder::new();
+        of_groups.set_attr("sample_rate", AttrValue::F64(100.0));
+        of_groups.set_attr("force_units", AttrValue::VarLenString("kN".to_owned()));
+        for (name, unit) in [("force", "mN"), ("torque", "mNm")] {
+            let mut group = of_groups.create_group(name);
+            group.set_attr("unit", AttrValue::VarLenString(unit.to_owned()));
+            group.create_dataset(&format!("{name}_x")).with_f64_data(&[1.0, 2.0]);
+            group.create_dataset("time").with_f64_data(&[1.0, 2.0]);
+            of_groups.add_group(group.finish());
+        }
+        let (found, attributes) = columns(of_groups);
+        let expected = [
+            ("force/force_x", "mN"),
+            ("force/time", ""),
+            ("torque/time", ""),
+            ("torque/torque_x", "mNm"),
+        ];
+        let mut found = found;
+        found.sort_unstable();
+        assert_eq!(found, pairs(&expected));
+        assert_eq!(attributes, pairs(&[("force_units", "kN"), ("sample_rate", "100")]));
+
+        let mut of_file = FileBuilder::new();
+        of_file.set_attr("columns", list(&["t", "fz"]));
+        of_file.set_attr("units", list(&["ms", "kN"]));
+        of_file.create_dataset("data").with_f64_data(&[1.0; 6]).with_shape(&[3, 2]);
+        assert_eq!(columns(of_file).0, pairs(&[("t", "ms"), ("fz", "kN")]));
     }
 }

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use flate2::read::ZlibDecoder;
 
-use crate::arrays::{Array, ArrayNumbers, ArrayValues, columns_of_log};
+use crate::arrays::{Array, ArrayNumbers, ArrayValues, Labels, attributes_in, columns_of_log};
 use crate::budget;
 use crate::element::Element;
 use crate::format::{Cells, FileSource, FoundTable};
@@ -182,7 +182,14 @@ impl<'a> Matrix<'a> {
             }
             _ => ArrayValues::Other("no numbers and no texts"),
         };
-        arrays.push(Array { name, size, unit: None, is_by_row: false, values });
+        arrays.push(Array {
+            name,
+            size,
+            unit: None,
+            labels: Labels::default(),
+            is_by_row: false,
+            values,
+        });
         Ok(())
     }
 
@@ -277,8 +284,10 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<FoundTable, 
     budget::within(KIND, "the file", file.length()?, budget::IN_MEMORY)?;
     let mut bytes = Vec::new();
     file.open()?.take(budget::IN_MEMORY).read_to_end(&mut bytes)?;
-    let (columns, rows, notes) = columns_of_log(KIND, arrays(bytes)?, part)?;
-    Ok(FoundTable { columns, rows: Arc::new(rows), notes, is_cut_off: false })
+    let all = arrays(bytes)?;
+    let attributes = attributes_in(&all);
+    let (columns, rows, notes) = columns_of_log(KIND, all, part)?;
+    Ok(FoundTable { columns, rows: Arc::new(rows), notes, is_cut_off: false, attributes })
 }
 
 /// Writes an array of elements of type `kind` with the bytes `content`.

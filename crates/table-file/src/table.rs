@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use serde_json::Value;
 use shell_data::escape;
 
 use crate::format::{
@@ -20,6 +21,8 @@ pub struct Table {
     pub notes: Vec<String>,
     /// True if the file ends in the middle of its content, as after the recorder was killed.
     pub is_cut_off: bool,
+    /// Keys and values that describe the whole table: `sample_rate`, `units`, and by its column, `units.fx`.
+    pub attributes: Vec<(String, String)>,
     rows: Arc<dyn RowSource>,
 }
 
@@ -30,7 +33,7 @@ impl Table {
     /// # Errors
     /// [`TableError`] if the file cannot be read, is damaged, or has no such part.
     pub fn open(file: &FileSource, kind: FileKind, part: Option<&str>) -> Result<Self, TableError> {
-        let FoundTable { columns, rows, mut notes, is_cut_off } = match kind {
+        let FoundTable { columns, rows, mut notes, is_cut_off, attributes } = match kind {
             FileKind::Hdf5 => hdf5::open(file, part)?,
             FileKind::Matlab => mat5::open(file, part)?,
             FileKind::Mcap | FileKind::Rosbag | FileKind::Sqlite => {
@@ -46,7 +49,7 @@ impl Table {
         if is_cut_off {
             notes.push("the file is cut off: its last piece is left out".to_owned());
         }
-        Ok(Self { kind, columns, notes, is_cut_off, rows })
+        Ok(Self { kind, columns, notes, is_cut_off, attributes, rows })
     }
 
     /// Returns `None` if the columns have no names, or the names are in the rows.
@@ -170,6 +173,19 @@ impl Table {
             }
         }
         Ok(text)
+    }
+}
+
+/// Appends the members of a JSON object with joined names: `units.fx`.
+pub(crate) fn attributes_of(name: &str, value: &Value, pairs: &mut Vec<(String, String)>) {
+    match value {
+        Value::Object(members) => members.iter().for_each(|(key, value)| {
+            let name = if name.is_empty() { key.clone() } else { format!("{name}.{key}") };
+            attributes_of(&name, value, pairs);
+        }),
+        Value::String(text) => pairs.push((name.to_owned(), text.clone())),
+        Value::Number(number) => pairs.push((name.to_owned(), number.to_string())),
+        _ => {}
     }
 }
 

@@ -13,7 +13,7 @@ use std::collections::HashMap;
 use std::io::{Read, Seek, SeekFrom};
 use std::sync::Arc;
 
-use crate::arrays::{Array, ArrayNumbers, ArrayRows, ArrayValues, columns_of_log};
+use crate::arrays::{Array, ArrayNumbers, ArrayRows, ArrayValues, Labels, columns_of_log};
 use crate::budget;
 use crate::element::Element;
 use crate::format::{
@@ -90,6 +90,8 @@ struct Channel {
 enum Property {
     Number(f64),
     Text(String),
+    /// A time in s since 1970.
+    Time(f64),
 }
 
 #[derive(Debug)]
@@ -124,19 +126,42 @@ pub(crate) fn open(source: &FileSource, part: Option<&str>) -> Result<FoundTable
     // A single channel is a vector, which has a name.
     let mut columns = columns.unwrap_or_default();
     let is_used = |channel: &&Channel| arrays.arrays.iter().any(|array| array.name == channel.name);
-    let clocks: Vec<(f64, f64)> =
-        channels.iter().filter(is_used).filter_map(Channel::clock).collect();
-    let clock = clocks.first().copied().filter(|first| clocks.iter().all(|it| it == first));
+    let clocks: Vec<(&Channel, Clock)> =
+        channels.iter().filter(is_used).filter_map(|it| Some((it, it.clock()?))).collect();
+    let first = clocks.first().map(|(_, clock)| *clock);
+    if let Some(first) = first
+        && clocks.iter().any(|(_, clock)| !clock.agrees_with(first))
+    {
+        // The rows of channels with other clocks are at other times.
+        let group = |name: &str| name.split('/').next().unwrap_or_default().to_owned();
+        let mut groups: Vec<String> = clocks.iter().map(|(it, _)| group(&it.name)).collect();
+        groups.dedup();
+        let found = match groups.len() {
+            1 => clocks.iter().map(|(it, _)| it.name.clone()).collect(),
+            _ => groups,
+        };
+        return Err(KIND.choice("clock", part, found));
+    }
+    let clock = first.map(|clock| (clock.offset, clock.increment));
     let is_time = |column: &TableColumn| column.name.to_lowercase().contains("time");
     let clock = clock.filter(|_| !columns.iter().any(is_time));
     if clock.is_some() {
         let name = "t_s".to_owned();
         columns.insert(0, TableColumn { name: name.clone(), unit: None });
         let (size, values) = (vec![arrays.rows], ArrayValues::Unread);
-        arrays.arrays.insert(0, Array { name, size, unit: None, is_by_row: true, values });
+        arrays.arrays.insert(
+            0,
+            Array { name, size, unit: None, labels: Labels::default(), is_by_row: true, values },
+        );
     }
     let table = TdmsTable { file: source.clone(), channels, arrays, clock };
-    Ok(FoundTable { columns: Some(columns), rows: Arc::new(table), notes, is_cut_off })
+    Ok(FoundTable {
+        columns: Some(columns),
+        rows: Arc::new(table),
+        notes,
+        is_cut_off,
+        attributes: Vec::new(),
+    })
 }
 
 struct Reader {
@@ -457,6 +482,17 @@ fn element(kind: u32) -> Option<Element> {
 /// Seconds from 1904, where times begin, to 1970.
 const TO_1970: i64 = 2_082_844_800;
 
+/// Returns the seconds since 1970 of a time: 2⁻⁶⁴ s, and seconds since 1904, in the order of the bytes.
+fn time_of(bytes: &[u8], is_little: bool) -> f64 {
+    let mut words = [0_u64; 2];
+    for (word, bytes) in words.iter_mut().zip(bytes.chunks_exact(8)) {
+        let bytes = bytes.try_into().unwrap_or_default();
+        *word = if is_little { u64::from_le_bytes(bytes) } else { u64::from_be_bytes(bytes) };
+    }
+    let [fraction, seconds] = if is_little { words } else { [words[1], words[0]] };
+    (seconds as i64).saturating_sub(TO_1970) as f64 + fraction as f64 / 2_f64.powi(64)
+}
+
 /// A segment's head in its byte order.
 struct Fields<'a> {
     rest: &'a [u8],
@@ -495,8 +531,25 @@ impl<'a> Fields<'a> {
             Some(element) => {
                 Property::Number(element.cell(bytes, self.is_little).number().unwrap_or(f64::NAN))
             }
+            None if kind == TIME => Property::Time(time_of(bytes, self.is_little)),
             None => Property::Text(String::new()),
         })
+    }
+}
+
+/// The times of a channel's values, s: the first since 1970, the first in the waveform, and the step.
+#[derive(Clone, Copy, Debug)]
+struct Clock {
+    start: f64,
+    offset: f64,
+    increment: f64,
+}
+
+impl Clock {
+    /// Returns true if the values of both are at the same times.
+    fn agrees_with(self, other: Self) -> bool {
+        let is_same_step = (self.increment - other.increment).abs() <= 1e-9 * self.increment;
+        is_same_step && (self.start - other.start).abs() < self.increment / 2.0
     }
 }
 
@@ -516,14 +569,14 @@ impl Channel {
     fn number(&self, property: &str) -> Option<f64> {
         match self.properties.get(property)? {
             Property::Number(number) => Some(*number),
-            Property::Text(_) => None,
+            Property::Text(_) | Property::Time(_) => None,
         }
     }
 
     fn text(&self, property: &str) -> Option<&str> {
         match self.properties.get(property)? {
             Property::Text(text) => Some(text),
-            Property::Number(_) => None,
+            Property::Number(_) | Property::Time(_) => None,
         }
     }
 
@@ -545,13 +598,25 @@ impl Channel {
         let unit = self.text("unit_string").or_else(|| self.text("NI_UnitDescription"));
         let unit = unit.map(str::trim).filter(|unit| !unit.is_empty()).map(str::to_owned);
         let size = vec![usize::try_from(self.count).unwrap_or(usize::MAX)];
-        Array { name: self.name.clone(), size, unit, is_by_row: true, values }
+        Array {
+            name: self.name.clone(),
+            size,
+            unit,
+            labels: Labels::default(),
+            is_by_row: true,
+            values,
+        }
     }
 
     /// Returns the time of a waveform's first value and from value to value, s.
-    fn clock(&self) -> Option<(f64, f64)> {
+    fn clock(&self) -> Option<Clock> {
         let increment = self.number("wf_increment").filter(|step| *step > 0.0)?;
-        Some((self.number("wf_start_offset").unwrap_or(0.0), increment))
+        let offset = self.number("wf_start_offset").unwrap_or(0.0);
+        let start = match self.properties.get("wf_start_time") {
+            Some(Property::Time(start)) => *start,
+            _ => 0.0,
+        };
+        Some(Clock { start: start + offset, offset, increment })
     }
 
     /// Returns the scales in the order of application; `None` if one is not a polynomial. The last scale counts; each
@@ -725,6 +790,49 @@ impl RowSource for TdmsTable {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A file of one segment with a channel of four doubles in each group; groups have their start in s since 1904
+    /// and the step of their clocks.
+    fn file(groups: &[(&str, i64, f64)]) -> FileSource {
+        let text = |text: &str| [&(text.len() as u32).to_le_bytes()[..], text.as_bytes()].concat();
+        let mut objects = (groups.len() as u32).to_le_bytes().to_vec();
+        for (group, start, step) in groups {
+            objects.extend(text(&format!("/'{group}'/'value'")));
+            for number in [20_u32, 10, 1] {
+                objects.extend(number.to_le_bytes());
+            }
+            objects.extend(4_u64.to_le_bytes());
+            objects.extend(2_u32.to_le_bytes());
+            objects.extend([text("wf_start_time"), TIME.to_le_bytes().to_vec()].concat());
+            objects.extend([0_u64.to_le_bytes(), start.to_le_bytes()].concat());
+            objects.extend([text("wf_increment"), 10_u32.to_le_bytes().to_vec()].concat());
+            objects.extend(step.to_le_bytes());
+        }
+        let values: Vec<u8> =
+            (0..4 * groups.len()).flat_map(|at| (at as f64).to_le_bytes()).collect();
+        let contents = HAS_OBJECTS | HAS_NEW_LIST | HAS_VALUES;
+        let mut bytes = b"TDSm".to_vec();
+        bytes.extend([contents.to_le_bytes(), 4713_u32.to_le_bytes()].concat());
+        bytes.extend(((objects.len() + values.len()) as u64).to_le_bytes());
+        bytes.extend((objects.len() as u64).to_le_bytes());
+        FileSource::Memory([bytes, objects, values].concat().into())
+    }
+
+    #[test]
+    fn groups_with_other_clocks_are_not_joined_row_by_row() {
+        let names = |groups: &[(&str, i64, f64)], part: Option<&str>| {
+            let columns = open(&file(groups), part).map(|found| found.columns.unwrap());
+            columns.map(|all| all.into_iter().map(|column| column.name).collect::<Vec<_>>())
+        };
+        let same = [("a", 3_000_000_000, 0.01), ("b", 3_000_000_000, 0.01)];
+        assert_eq!(names(&same, None).unwrap(), ["t_s", "a/value", "b/value"]);
+        for other in [("b", 3_000_000_003, 0.01), ("b", 3_000_000_000, 0.02)] {
+            let both = [same[0], other];
+            let said = names(&both, None).unwrap_err().to_string();
+            assert_eq!(said, "a TDMS file with more than one clock; it has `a`, `b`");
+            assert_eq!(names(&both, Some("b")).unwrap(), ["t_s", "value"]);
+        }
+    }
 
     /// The fourth value of 0, 1, 2, … as npTDMS 1.13 scales it; `None` for scales that are not read.
     #[test]

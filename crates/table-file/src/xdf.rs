@@ -77,7 +77,7 @@ pub(crate) fn open(source: &FileSource, part: Option<&str>) -> Result<FoundTable
     let (columns, rows) = table(&streams, base, part.is_none(), &mut notes);
     budget::check_columns(KIND, columns.len())?;
     let (columns, rows) = (Some(columns), Arc::new(XdfRows(rows)));
-    Ok(FoundTable { columns, rows, notes, is_cut_off })
+    Ok(FoundTable { columns, rows, notes, is_cut_off, attributes: Vec::new() })
 }
 
 /// Reads all streams, in the recorder's time; returns true if the file is cut off.

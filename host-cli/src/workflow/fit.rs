@@ -66,6 +66,8 @@ impl FitData {
             check_channels(log, self.train.channels())?;
         }
         let logs: Vec<(&Log, Wanted)> = test.iter().map(|log| (log, wanted.clone())).collect();
+        // A group may be in the training logs alone.
+        let read = &ReadOptions { may_exclude_nothing: true, ..*read };
         self.test = read_dataset(&logs, read)?;
         if labels_tests {
             sample_logs(&mut self.test, test, &wanted)?;

@@ -32,7 +32,9 @@ fn a_wrench_in_another_file_gives_the_same_coefficients() {
         .enumerate()
         .map(|(at, line)| match at {
             0 => format!("t_s,{line}\n"),
-            row => format!("{row},{line}\n"),
+            row => {
+                format!("{},{line}\n", text.lines().nth(row).unwrap().split(',').next().unwrap())
+            }
         })
         .collect();
     fs::write(dir.join("readings.csv"), columns(&text, [0, 9], true)).unwrap();
@@ -72,6 +74,76 @@ fn a_wrench_in_another_file_gives_the_same_coefficients() {
         // Squares are summed block by block, and blocks are split by bytes.
         assert!((two / whole - 1.0).abs() < 1e-12, "{two} for {whole}");
     }
+}
+
+/// Forces and moments in counts of a millionth, below the head of ATI's demo.
+#[test]
+fn each_file_is_read_by_its_own_head() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    program::run(dir, "synth train --rows 600 --seed 5 -o whole.csv", 0);
+    let text = fs::read_to_string(dir.join("whole.csv")).unwrap();
+    program::run(dir, "fit whole.csv --model linear --covariance rows -o whole.json", 0);
+    let in_counts = |line: &str| {
+        let counts = line.split(',').map(|field| {
+            let load: f64 = field.parse().unwrap();
+            format!("{}", load * 1e6)
+        });
+        counts.collect::<Vec<_>>().join(",")
+    };
+    let loads = columns(&text, [9, 15], false);
+    let loads: String = loads.lines().map(|line| in_counts(line) + "\n").collect();
+    let head = "RDT Sample Rate: 1000\nForce Units: N\nCounts per Unit Force: 1000000.0\n\
+                Torque Units: Nm\nCounts per Unit Torque: 1000000.0\nFx,Fy,Fz,Tx,Ty,Tz\n";
+    fs::write(dir.join("ati.csv"), format!("{head}{loads}")).unwrap();
+    let readings = columns(&text, [1, 9], true);
+    fs::write(dir.join("readings.csv"), &readings).unwrap();
+    // The log has a wrench of its own, and another separator.
+    let own: String = readings
+        .lines()
+        .enumerate()
+        .map(|(at, line)| {
+            let own = if at == 0 { "Fx,Fy,Fz,Mx,My,Mz" } else { "1,1,1,1,1,1" };
+            format!("{};{}\n", line.replace(',', ";"), own.replace(',', ";"))
+        })
+        .collect();
+    fs::write(dir.join("own.csv"), own).unwrap();
+    for name in ["readings", "own"] {
+        let command = format!(
+            "fit {name}.csv --wrench-from ati.csv --model linear --covariance rows -o {name}.json"
+        );
+        let (_, said) = program::ended(dir, &command, 0);
+        let expected = "`own.csv` has a wrench as well; the one of `ati.csv` is used";
+        assert_eq!(said.contains(expected), name == "own", "{said}");
+        let [found, whole] =
+            [format!("{name}.json"), "whole.json".to_owned()].map(|file| coefficients(dir, &file));
+        // Counts are rounded to doubles, and so are the loads that they become.
+        let flat = |of: &Value| of.to_string().replace(['[', ']'], "");
+        for (found, whole) in flat(&found).split(',').zip(flat(&whole).split(',')) {
+            let [found, whole] = [found, whole].map(|number| number.parse::<f64>().unwrap());
+            assert!((found - whole).abs() <= 1e-9 * whole.abs().max(1e-3), "{found} for {whole}");
+        }
+    }
+}
+
+#[test]
+fn files_at_other_times_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let file = |name: &str, head: &str, start: f64, rest: &str| {
+        let row =
+            |at: usize| format!("{:.3},{at},{}{rest}\n", start + 0.01 * at as f64, at * at % 7);
+        fs::write(dir.join(name), head.to_owned() + &(0..40).map(row).collect::<String>()).unwrap();
+    };
+    file("log.csv", "t_s,s1,s2\n", 0.0, "");
+    file("late.csv", "t_s,fx_n,fy_n\n", 0.5, "");
+    file("near.csv", "t_s,fx_n,fy_n\n", 0.002, "");
+    let command = |file: &str| format!("fit log.csv --wrench-from {file} --model linear");
+    let said = program::run(dir, &command("late.csv"), 2).replace('\n', " ");
+    let expected = "row 1 is at 0.000000 s in the one and at 0.500000 s in the other";
+    assert!(said.contains(expected) && said.contains("`shellcal align`"), "{said}");
+    program::run(dir, &command("near.csv"), 0);
+    program::run(dir, &(command("late.csv") + " --time 1"), 0);
 }
 
 #[test]

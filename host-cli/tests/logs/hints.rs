@@ -64,7 +64,13 @@ fn cases() -> Vec<HintCase> {
             command: "info echo.csv",
             hint: "`--time 1 --wrench 4-9`",
             followed: "--time 1 --wrench 4-9",
-            right: &["rows      40", "100.00 Hz", "Fx (N)", "Mz (N·m)", "nanoseconds in column 2"],
+            right: &[
+                "rows      40",
+                "100.00 Hz",
+                "Fx (N)",
+                "Mz (N·m)",
+                "sum of `column 1` and `column 2`",
+            ],
         },
         HintCase {
             file: (
@@ -153,6 +159,30 @@ fn cases() -> Vec<HintCase> {
             hint: "leave out `--table`",
             followed: "--where name=A",
             right: &["rows      20", "0.50 Hz"],
+        },
+        HintCase {
+            file: (
+                "groups.csv",
+                rows("t_s,group,s1,s2\n", |at| format!("{at},{},{at},7", ["A", "B"][at / 20])),
+            ),
+            command: "info groups.csv --exclude-group C",
+            hint: "leave out one of its values: `A`, `B`",
+            followed: "--exclude-group A",
+            right: &["rows      20"],
+        },
+        HintCase {
+            file: ("twice.csv", rows("t_s,Fx,Fx,Fy\n", |at| format!("{at},{at},7,8"))),
+            command: "info twice.csv",
+            hint: "`--wrench fx=2,…` or `fx=3,…`",
+            followed: "--wrench fx=2,fy=4",
+            right: &["2 Fx", "Fy (N)"],
+        },
+        HintCase {
+            file: ("some.csv", rows("t_s,Fx (mN),Fy\n", |at| format!("{at},{at},7"))),
+            command: "info some.csv",
+            hint: "`--unit force=mN`, or `--unit 'Fy=N'`",
+            followed: "--unit force=mN",
+            right: &["Fy (N, from mN)"],
         },
         HintCase {
             file: ("nowhere.csv", rows("t_s,A,B\n", |at| format!("{at},{at},7"))),

@@ -334,7 +334,7 @@ fn decisions_about_the_head_are_reported() {
         ("info stream.jsonl", &["JSON lines", "names from the keys of each line"]),
         (
             "info ros2.csv --time 1 --wrench 4-9",
-            &["50.00 Hz", "seconds in column 1, nanoseconds in column 2", "Mz (N·m)"],
+            &["50.00 Hz", "time is the sum of `column 1` and `column 2`", "Mz (N·m)"],
         ),
         ("info plotjuggler.csv", &["50.00 Hz", "Fx (N)", "Mz (N·m)"]),
         ("info untitled.csv --time 1 --sensors 2-9", &["50.00 Hz", "sensor 8", "data from line 3"]),

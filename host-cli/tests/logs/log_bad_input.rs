@@ -164,7 +164,7 @@ fn the_command_ends_with_2_and_a_hint() {
     for (text, hint) in [
         ("time,s1\n1,x\n", "`--skip-bad-rows`"),
         ("time,s1\n", "nothing was recorded"),
-        ("time,time,s1\n1,2,3\n", "`--time`"),
+        ("time,time,s1\n1,2,3\n", "`--time 1` or `--time 2`"),
         ("1,2,3\n", "`--time 1 --sensors 2-3`"),
         ("% hello\n1\n", "names the columns"),
         ("\u{1f}\u{1}", "logs are text"),

@@ -44,6 +44,24 @@ fn folder() -> tempfile::TempDir {
 }
 
 #[test]
+fn units_of_the_command_line_are_added_to_those_of_the_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let rows: String = (0..40).map(|at| format!("{at},{at},5,6\n")).collect();
+    fs::write(dir.join("log.csv"), format!("clock,fx,fy,mx\n{rows}")).unwrap();
+    fs::write(dir.join("shellcal.toml"), "time = \"clock\"\nunit = \"force=kN,time=ms\"\n")
+        .unwrap();
+    let words = |options: &str| {
+        let document = program::json(dir, &format!("info log.csv --json {options}"));
+        let columns = document[0]["columns"].as_array().unwrap().clone();
+        columns.iter().map(|of| of["meaning"].as_str().unwrap().to_owned()).collect::<Vec<_>>()
+    };
+    assert_eq!(words(""), ["time (ms)", "Fx (N, from kN)", "Fy (N, from kN)", "Mx (N·m)"]);
+    let both = words("--unit fx=mN,moment=mNm");
+    assert_eq!(both, ["time (ms)", "Fx (N, from mN)", "Fy (N, from kN)", "Mx (N·m, from mN·m)"]);
+}
+
+#[test]
 fn settings_beside_the_data_are_options_of_every_command() {
     let dir = folder();
     let dir = dir.path();

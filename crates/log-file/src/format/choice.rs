@@ -59,18 +59,45 @@ impl PlacedCondition {
     }
 }
 
-/// Keeps the rows that meet all conditions; `values` are their columns, run-length encoded.
+/// The rows that a condition removes, and the first values of its column.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct ConditionTally {
+    pub(crate) removed: u64,
+    pub(crate) values: Vec<String>,
+}
+
+impl ConditionTally {
+    /// The largest number of values that are kept for a message.
+    const MOST: usize = 8;
+
+    pub(crate) fn add(&mut self, other: Self) {
+        self.removed += other.removed;
+        other.values.into_iter().for_each(|value| self.add_value(&value));
+    }
+
+    fn add_value(&mut self, value: &str) {
+        if self.values.len() < Self::MOST && !self.values.iter().any(|known| known == value) {
+            self.values.push(value.to_owned());
+        }
+    }
+}
+
+/// Keeps the rows that meet all conditions; `values` are their columns, run-length encoded. Returns a tally of each
+/// condition.
 pub(crate) fn keep_chosen(
     block: &mut Block,
     conditions: &[PlacedCondition],
     values: &[Vec<(String, usize)>],
-) {
+) -> Vec<ConditionTally> {
     let mut is_kept = vec![true; block.rows];
-    for (condition, runs) in conditions.iter().zip(values) {
+    let mut tallies = vec![ConditionTally::default(); conditions.len()];
+    for ((condition, runs), tally) in conditions.iter().zip(values).zip(&mut tallies) {
         let mut rows = is_kept.iter_mut();
         for (value, length) in runs {
             let is_met = condition.is_met(value);
             rows.by_ref().take(*length).for_each(|row| *row &= is_met);
+            tally.removed += if is_met { 0 } else { *length as u64 };
+            tally.add_value(value);
         }
     }
     let columns = std::iter::once(&mut block.time_s)
@@ -106,6 +133,7 @@ pub(crate) fn keep_chosen(
     }
     block.rows = rows;
     block.lines.passed = passed;
+    tallies
 }
 
 /// A column whose values distinguish the rows of several sensors that alternate.

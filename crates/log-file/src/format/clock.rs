@@ -38,6 +38,10 @@ impl ClockFields {
         self.0.first().map(Vec::as_slice)
     }
 
+    pub(super) fn iter(&self) -> impl Iterator<Item = &[u8]> {
+        self.0.iter().map(Vec::as_slice)
+    }
+
     pub(super) fn repeats(&self) -> bool {
         self.0.windows(2).any(|pair| pair[0] == pair[1])
     }
@@ -76,16 +80,20 @@ impl ClockFields {
     }
 
     /// Returns the median step of times that are days since 1900 (Excel) or since year 0 (MATLAB's `datenum`) in this
-    /// century. Taken as seconds, they would be less than 20 µs apart.
+    /// century. Taken as seconds, they would be less than 90 µs apart, or 1.2 ms in numbers with many decimals.
     fn step_in_days(&self) -> Option<f64> {
         let times: Vec<f64> =
             self.0.iter().take(CLOCK_ROWS).filter_map(|field| parse_field(field).ok()).collect();
-        let first = *times.first()?;
-        let is_day =
-            (36_526.0..73_051.0).contains(&first) || (730_486.0..767_011.0).contains(&first);
+        origin_of_days(*times.first()?)?;
         let mut steps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
         steps.retain(|step| *step > 0.0);
-        upper_median(&mut steps).filter(|step| is_day && *step < 2e-5)
+        let step = upper_median(&mut steps)?;
+        // A clock in seconds has fewer decimals.
+        let is_long = |field: &Vec<u8>| {
+            field.iter().position(|byte| *byte == b'.').is_some_and(|at| field.len() - at > 8)
+        };
+        let most = if self.0.iter().any(is_long) { 1.2e-3 } else { 9e-5 };
+        (step < most).then_some(step)
     }
 
     fn median_step(&self) -> Option<f64> {
@@ -97,6 +105,15 @@ impl ClockFields {
         let steps = times.windows(2).map(|pair| pair[1] - pair[0]);
         let mut steps: Vec<f64> = steps.filter(|step| *step > 0.0).collect();
         upper_median(&mut steps)
+    }
+}
+
+/// Returns the number of 1970-01-01 in the days of Excel or of MATLAB, for a day in this century.
+pub(super) fn origin_of_days(day: f64) -> Option<f64> {
+    match day {
+        36_526.0..73_051.0 => Some(25_569.0),
+        730_486.0..767_011.0 => Some(719_529.0),
+        _ => None,
     }
 }
 
@@ -114,13 +131,13 @@ fn epoch_unit(first: &[u8]) -> Option<TimeUnit> {
 }
 
 /// Determines the unit of integer times from their step per row, assumed to be between 100 µs and 2 s. A step below
-/// one hundred is taken for seconds, the default for a time without a unit.
+/// two is taken for seconds, the default for a time without a unit.
 ///
 /// # Errors
 /// The step, if two units are possible.
 fn unit_by_step(step: f64) -> Result<TimeUnit, f64> {
     match step {
-        ..100.0 => Ok(TimeUnit::Second),
+        ..2.0 => Ok(TimeUnit::Second),
         2e3..5e5 => Ok(TimeUnit::Microsecond),
         2e6.. => Ok(TimeUnit::Nanosecond),
         _ => Err(step),
@@ -175,7 +192,7 @@ mod tests {
         let unit = |text: &str| clock(text).median_step().map(unit_by_step);
         for (step, expected) in [
             (1, Ok(TimeUnit::Second)),
-            (60, Ok(TimeUnit::Second)),
+            (60, Err(60.0)),
             (500, Err(500.0)),
             (10_000, Ok(TimeUnit::Microsecond)),
             (1_000_000, Err(1e6)),

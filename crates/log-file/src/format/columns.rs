@@ -1,11 +1,11 @@
 //! The meanings of a log's columns, from their names and the user's mapping.
 
+use super::clock_parts::{ClockPart, fraction_by_name, has_fraction};
 use super::column_name::{ColumnRef, plain};
-use super::head::{JOINED, are_nanoseconds};
 use super::mapping::{LogFormat, Mapping, TimeUnit};
 use super::meaning::{
-    GROUPS, Meaning, StatedUnit, default_time_unit, meaning_of, numbered, split_unit, unit_in_name,
-    without_unit,
+    GROUPS, Meaning, StatedUnit, capitals, default_time_unit, meaning_of, numbered, split_unit,
+    suffixes, unit_in_name, without_unit,
 };
 use crate::error::PlacedProblem;
 use crate::parse::date::DateOrder;
@@ -53,6 +53,8 @@ pub(crate) struct ColumnRoles {
     pub(crate) sensors: Vec<usize>,
     pub(crate) wrench: PerAxis<Option<usize>>,
     pub(crate) time: Option<usize>,
+    /// Columns that are added to the time.
+    pub(crate) time_parts: Vec<ClockPart>,
     pub(crate) group: Option<usize>,
 }
 
@@ -75,6 +77,8 @@ impl ColumnRoles {
     pub(crate) fn numbers(&self, wanted: &Wanted) -> Vec<usize> {
         let mut positions = wanted.others.clone();
         positions.extend(self.time.filter(|_| wanted.time));
+        let parts = self.time_parts.iter().filter(|_| wanted.time);
+        positions.extend(parts.map(|part| part.column));
         positions.extend(self.sensors.iter().filter(|_| wanted.readings));
         positions.extend(self.wrench.iter().flatten().filter(|_| wanted.wrench));
         positions
@@ -102,7 +106,16 @@ pub(crate) fn recognise(
     recognise_other_times(&names, &mut meanings);
     prefer_usual_names(&names, &mut meanings);
     let group = apply_mapping(&names, format, mapping, &mut meanings)?;
+    // Seconds and their fraction are one time.
+    for at in 1..names.len() {
+        let are_times = matches!(meanings[at - 1..=at], [Meaning::Time(_), Meaning::Time(_)]);
+        if are_times && has_fraction(&names, at - 1) {
+            meanings[at] = Meaning::Other;
+        }
+    }
     let mut roles = roles(&names, &mut meanings)?;
+    let fraction = roles.time.and_then(|at| fraction_by_name(&names, at));
+    roles.time_parts.extend(fraction.filter(|part| meanings[part.column] == Meaning::Other));
     roles.group = group.or(roles.group);
     // Dashes and the like are not units.
     let is_said = |unit: &str| unit.contains(|c: char| c.is_alphabetic() || c == '°');
@@ -207,7 +220,7 @@ fn apply_mapping(
         Meaning::Load(..) => mapping.wrench.is_some(),
         Meaning::Time(_) => mapping.time.is_some(),
         Meaning::Group => mapping.group.is_some(),
-        Meaning::Telemetry(_) | Meaning::Other => false,
+        Meaning::Telemetry(_) | Meaning::TimePart | Meaning::Other => false,
     };
     meanings.iter_mut().filter(|m| is_replaced(m)).for_each(|m| *m = Meaning::Other);
 
@@ -346,7 +359,7 @@ fn roles(names: &[String], meanings: &mut [Meaning]) -> Result<ColumnRoles, Plac
                 &mut sensors[*channel]
             }
             Meaning::Load(axis, _) => &mut roles.wrench[axis.index()],
-            Meaning::Group | Meaning::Telemetry(_) | Meaning::Other => continue,
+            _ => continue,
         };
         if let Some(first) = place.replace(at) {
             return Err(duplicate(names, meaning.in_words().unwrap_or_default(), [first, at]));
@@ -373,7 +386,7 @@ fn roles(names: &[String], meanings: &mut [Meaning]) -> Result<ColumnRoles, Plac
 }
 
 /// Other names of readings, in order of preference: used if no column has a usual name and all of a kind exist.
-const OTHER_READINGS: [&str; 7] = ["ch", "channel", "adc", "ain", "ai", "reading", "raw"];
+const OTHER_READINGS: [&str; 8] = ["ch", "channel", "adc", "ain", "ai", "reading", "raw", "analog"];
 
 /// Keys that `--unit` accepts in addition to columns.
 pub(super) const UNIT_KEYS: [&str; 9] =
@@ -401,7 +414,7 @@ fn recognise_other_readings(names: &[String], meanings: &mut [Meaning]) {
 }
 
 /// Recognises a wrench by longer names, if no column has a usual one: `/ft/wrench/force/x` (topics in PlotJuggler),
-/// `Fx1` to `Mz1` (the only force plate). Each axis must occur once, or the user has to choose.
+/// `Fx1` to `Mz1` (the only force plate), `wrench1` to `wrench6`, `force1` to `torque3` (lists). Each axis must occur once, or the user has to choose.
 fn recognise_other_wrench(names: &[String], meanings: &mut [Meaning]) {
     let axis_of = |name: &str| match meaning_of(name, LogFormat::Csv).0 {
         Meaning::Load(axis, _) => Some(axis),
@@ -421,13 +434,31 @@ fn recognise_other_wrench(names: &[String], meanings: &mut [Meaning]) {
         let has = |axis: &Axis| found.iter().any(|(of, _)| of == axis);
         (found.len() == 6 && Axis::ALL.iter().all(has)).then_some(found)
     };
-    for (axis, at) in all(&in_path).or_else(|| all(&of_plate)).unwrap_or_default() {
+    let of_element = |first: usize| {
+        move |name: &str| {
+            let name = plain(name.split('(').next().unwrap_or(name));
+            let stem = name.trim_end_matches(|c: char| c.is_ascii_digit());
+            let number: usize = name[stem.len()..].parse().ok()?;
+            let ends = |ends: &[&str]| ends.iter().any(|end| stem.ends_with(end));
+            let (before, count) = match () {
+                () if ends(&["wrench"]) => (0, 6),
+                () if ends(&["force", "forces"]) => (0, 3),
+                () if ends(&["torque", "torques", "moment", "moments"]) => (3, 3),
+                () => return None,
+            };
+            let at = number.checked_sub(first).filter(|at| *at < count)?;
+            Axis::ALL.get(before + at).copied()
+        }
+    };
+    let found = all(&in_path).or_else(|| all(&of_plate));
+    let found = found.or_else(|| all(&of_element(1))).or_else(|| all(&of_element(0)));
+    for (axis, at) in found.unwrap_or_default() {
         meanings[at] = Meaning::Load(axis, Scale::ONE);
     }
 }
 
 /// Other names of a clock, in order of preference: used if no column has a usual name.
-const OTHER_TIMES: [&str; 28] = [
+const OTHER_TIMES: [&str; 50] = [
     "elapsedtime",
     "timeelapsed",
     "xvalue",
@@ -448,11 +479,33 @@ const OTHER_TIMES: [&str; 28] = [
     "unixtime",
     "epoch",
     "rxdatetime",
+    "unix",
     "zeit",
+    "temps",
+    "tiempo",
+    "tempo",
     "uhrzeit",
+    "heure",
+    "hora",
+    "zeitstempel",
+    "horodatage",
     "datum",
     "date",
+    "fecha",
     "ts",
+    "timesincestart",
+    "sensortime",
+    "devicetime",
+    "robottime",
+    "rostime",
+    "clock",
+    "datenum",
+    "time1defaultsamplerate",
+    "ms",
+    "msec",
+    "milliseconds",
+    "us",
+    "usec",
     "sec",
     "secs",
     "seconds",
@@ -462,16 +515,72 @@ fn recognise_other_times(names: &[String], meanings: &mut [Meaning]) {
     if meanings.iter().any(|meaning| matches!(meaning, Meaning::Time(_))) {
         return;
     }
+    let known = |name: &str| OTHER_TIMES.iter().position(|other| *other == plain(name));
     let rank = |at: &usize| {
-        let name = plain(names[*at].split(['(', '[']).next().unwrap_or_default());
-        let is_joined = names.get(*at + 1).is_some_and(|next| next.ends_with(JOINED));
-        if is_joined { Some(0) } else { OTHER_TIMES.iter().position(|other| *other == name) }
+        if has_fraction(names, *at) {
+            return Some(0);
+        }
+        let name = names[*at].split(['(', '[']).next().unwrap_or_default();
+        let mut bases = suffixes(name)
+            .chain(capitals(name))
+            .filter(|(_, unit)| Unit::parse(unit, Quantity::Time).is_some())
+            .map(|(base, _)| base);
+        let base = bases.next().unwrap_or(name);
+        known(name).or_else(|| known(base)).or_else(|| is_clock(base).then_some(OTHER_TIMES.len()))
     };
-    // Seconds without their nanoseconds would stand still.
-    let is_part = |at: usize| names.get(at + 1).is_some_and(|next| are_nanoseconds(next));
-    let free = (0..names.len()).filter(|&at| meanings[at] == Meaning::Other && !is_part(at));
+    let free = (0..names.len()).filter(|&at| meanings[at] == Meaning::Other);
     let found = free.filter(|at| rank(at).is_some()).min_by_key(rank);
     found.into_iter().for_each(|at| meanings[at] = Meaning::Time(Scale::ONE));
+}
+
+/// Words for a time, and words that tell which one.
+const CLOCKS: [&str; 8] =
+    ["time", "timestamp", "timestamps", "epoch", "clock", "stamp", "zeit", "zeitstempel"];
+const WHICH: [&str; 27] = [
+    "unix",
+    "gps",
+    "utc",
+    "ros",
+    "pc",
+    "mcu",
+    "cpu",
+    "host",
+    "board",
+    "sensor",
+    "robot",
+    "device",
+    "system",
+    "sys",
+    "sample",
+    "log",
+    "logger",
+    "recording",
+    "record",
+    "since",
+    "start",
+    "from",
+    "rel",
+    "relative",
+    "abs",
+    "absolute",
+    "elapsed",
+];
+
+/// Returns true for the name of a clock in several words: `time_unix`, `sensor timestamp`, `timeSinceStart`.
+fn is_clock(name: &str) -> bool {
+    let mut words: Vec<String> = vec![String::new()];
+    let mut is_after_small = false;
+    for c in name.chars() {
+        if !c.is_alphabetic() || (is_after_small && c.is_uppercase()) {
+            words.push(String::new());
+        }
+        is_after_small = c.is_lowercase();
+        words.last_mut().into_iter().for_each(|word| word.extend(c.to_lowercase()));
+    }
+    let words = words.iter().map(|word| word.trim_matches(|c: char| !c.is_alphabetic()));
+    let words: Vec<&str> = words.filter(|word| !word.is_empty()).collect();
+    let is_time = |word: &&str| CLOCKS.contains(word);
+    words.iter().any(is_time) && words.iter().all(|word| is_time(word) || WHICH.contains(word))
 }
 
 /// If several columns are the same axis and one has its usual name, drops the meaning of the others.

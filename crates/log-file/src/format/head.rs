@@ -4,18 +4,17 @@
 //! names are a line with as many texts above the first row, possibly after `#`, `%` or `//`; a line of units may
 //! follow. Lines above them may contain keys and values ([`keys`](super::keys)).
 
-use super::clock::is_since_1970;
-use super::column_name::plain;
 use super::keys::Keys;
-use super::lines::{LayoutLine, all_lines, fields, lines as rows_of, texts};
+use super::lines::{LayoutLine, all_lines, fields, texts};
 use super::mapping::{LogFormat, Mapping};
-use super::meaning::{Meaning, meaning_of};
+use super::meaning::{Meaning, StatedUnit, meaning_of};
 use crate::error::FieldProblem;
 use crate::parse::date::is_date;
 use crate::parse::form::{
     RowBody, RowForm, behind_arrow, blank_fields, labelled, object, without_brackets,
 };
-use crate::parse::number::{parse_field, with_points};
+use crate::parse::marks::is_marked_number;
+use crate::parse::number::parse_field;
 use shell_data::unit::Unit;
 
 #[derive(Debug, Default)]
@@ -57,7 +56,7 @@ pub(crate) fn find(
     let bodies: Vec<Option<(&str, &str)>> = lines
         .iter()
         .map(|line| str::from_utf8(line.text).ok().and_then(behind_arrow))
-        .map(|parts| parts.filter(|(time, _)| is_numeric(time.trim().as_bytes(), b',')))
+        .map(|parts| parts.filter(|(time, _)| is_numeric(time.trim().as_bytes())))
         .collect();
     let has_arrow = 2 * bodies.iter().flatten().count() > lines.len();
     let texts: Vec<&[u8]> = lines
@@ -161,9 +160,21 @@ fn of_labview(lines: &[LayoutLine<'_>]) -> Option<Head> {
 
 fn of_objects(lines: &[LayoutLine<'_>], texts: &[&[u8]]) -> Option<Head> {
     let fields = |text: &&[u8]| str::from_utf8(text).ok().and_then(object);
-    let at = texts.iter().take(ABOVE).position(|text| text.trim_ascii_start().starts_with(b"{"))?;
-    let names: Vec<String> = fields(&texts[at])?.into_iter().map(|(name, _)| name).collect();
-    Some(of_form(RowBody::Json(names.clone()), names, lines[at]))
+    let first =
+        texts.iter().take(ABOVE).position(|text| text.trim_ascii_start().starts_with(b"{"))?;
+    let names = |at: usize| -> Option<Vec<String>> {
+        Some(fields(texts.get(at)?)?.into_iter().map(|(name, _)| name).collect())
+    };
+    // Objects above the rows describe the log.
+    let is_row = |at: &usize| names(*at).is_some_and(|of| names(*at + 1).as_ref() == Some(&of));
+    let at = (first..texts.len().min(STARTING)).find(is_row).unwrap_or(first);
+    let names = names(at)?;
+    let mut keys = Keys::default();
+    for (line, text) in lines[first..at].iter().zip(&texts[first..at]) {
+        let pairs = fields(text).into_iter().flatten();
+        pairs.for_each(|(key, value)| keys.read(&key, &value, line.number));
+    }
+    Some(Head { keys, ..of_form(RowBody::Json(names.clone()), names, lines[at]) })
 }
 
 fn of_labels(lines: &[LayoutLine<'_>], texts: &[&[u8]]) -> Option<Head> {
@@ -209,7 +220,7 @@ impl Shape {
     fn new(text: &[u8], declared: Option<u8>) -> Self {
         let separator = declared.unwrap_or_else(|| line_separator(text));
         let fields = split(text, separator);
-        let numbers: Vec<bool> = fields.iter().map(|field| is_numeric(field, separator)).collect();
+        let numbers: Vec<bool> = fields.iter().map(|field| is_numeric(field)).collect();
         let empty = fields.iter().filter(|field| field.trim_ascii().is_empty()).count();
         let count = numbers.iter().filter(|is| **is).count();
         let is_row = count > 0 && 2 * count >= numbers.len() - empty;
@@ -254,7 +265,7 @@ fn of_fields(
     let of_names = |at: usize| {
         name_fields(bare(texts[at]), separator).into_iter().find_map(|names| {
             let named = names.iter().filter(|name| !name.trim_ascii().is_empty()).count();
-            let is_text = !names.iter().any(|name| is_numeric(name, separator));
+            let is_text = !names.iter().any(|name| is_numeric(name));
             let mut names = to_names(&names);
             if names.len() + 1 == columns && ends_empty {
                 names.push(String::new());
@@ -275,6 +286,14 @@ fn of_fields(
         }
         None => above.filter_map(of_names).collect(),
     };
+    let candidates: Vec<(usize, Vec<String>)> = candidates
+        .into_iter()
+        .map(|(at, names)| {
+            let above = at.checked_sub(1).map(|at| to_names(&split(bare(texts[at]), separator)));
+            let grouped = above.and_then(|above| with_groups(&above, &names));
+            (at, grouped.unwrap_or(names))
+        })
+        .collect();
     let names = match (mapping.header_line, candidates.as_slice()) {
         (_, []) => None,
         (Some(_), [.., last]) => Some(last),
@@ -306,6 +325,37 @@ fn of_fields(
     })
 }
 
+/// Adds the names and units of groups of columns, as in the merged cells above others: `Force (mN),,` over `x,y,z`.
+/// `None` if the line above holds no such names.
+pub(super) fn with_groups(above: &[String], names: &[String]) -> Option<Vec<String>> {
+    let has_gaps = above.len() < names.len() || above.iter().any(String::is_empty);
+    let is_text = !above.iter().any(|name| is_numeric(name.as_bytes()));
+    if above.len() > names.len() || !has_gaps || !is_text || are_units(names) {
+        return None;
+    }
+    let is_load = |name: &str| matches!(meaning_of(name, LogFormat::Csv).0, Meaning::Load(..));
+    let mut group = "";
+    let of_column = |(at, name): (usize, &String)| {
+        group = above.get(at).filter(|name| !name.is_empty()).map_or(group, String::as_str);
+        let cut = group.find(['(', '[']).unwrap_or(group.len());
+        let (base, unit) = (group[..cut].trim(), &group[cut..]);
+        let has_unit = meaning_of(name, LogFormat::Csv).1 != StatedUnit::None;
+        match () {
+            () if name.is_empty() => above.get(at).cloned().unwrap_or_default(),
+            () if is_load(name) && !has_unit && is_load(&format!("{name} {unit}")) => {
+                format!("{name} {unit}").trim_end().to_owned()
+            }
+            () if !is_load(name) && !base.is_empty() && is_load(&format!("{base} {name}")) => {
+                format!("{base} {name} {unit}").trim_end().to_owned()
+            }
+            () => name.clone(),
+        }
+    };
+    let grouped: Vec<String> = names.iter().enumerate().map(of_column).collect();
+    let loads = |names: &[String]| names.iter().filter(|name| is_load(name)).count();
+    (loads(&grouped) > 0 && grouped != names).then_some(grouped)
+}
+
 /// Returns the first line that resembles most rows: as many fields, and numbers in most of their numeric columns.
 fn first_row(shapes: &[Shape], is_row: impl Fn(usize) -> bool) -> Option<usize> {
     let rows: Vec<usize> = (0..shapes.len()).filter(|&at| is_row(at)).collect();
@@ -331,52 +381,8 @@ fn first_row(shapes: &[Shape], is_row: impl Fn(usize) -> bool) -> Option<usize> 
     })
 }
 
-/// Endings of the names of whole seconds, and of the nanoseconds in the column behind them.
-const SECONDS: [&str; 3] = ["sec", "secs", "seconds"];
-const NANOSECONDS: [&str; 5] = ["nsec", "nsecs", "nanosec", "nanosecs", "nanoseconds"];
-
-/// The end of the name of nanoseconds that are part of the seconds before them.
-pub(super) const JOINED: &str = " (joined)";
-
-/// Returns true for a name of nanoseconds, which belong to the seconds in the column before.
-pub(super) fn are_nanoseconds(name: &str) -> bool {
-    let name = plain(name);
-    NANOSECONDS.iter().any(|ending| name.ends_with(ending))
-}
-
-/// Finds the seconds of a ROS time in two columns, by their names or, without names, as seconds since 1970 with a
-/// text (the name of a frame) in the column after the nanoseconds. Returns the position of the seconds.
-pub(super) fn stamp_at(rows: &[u8], separator: u8, names: Option<&[String]>) -> Option<usize> {
-    let rows: Vec<Vec<Vec<u8>>> =
-        rows_of(rows, 0, 1).take(3).map(|line| fields(line.text, separator)).collect();
-    let is_whole = |field: &[u8]| {
-        let digits = field.trim_ascii();
-        (1..=10).contains(&digits.len()) && digits.iter().all(u8::is_ascii_digit)
-    };
-    let is_time = |row: &Vec<Vec<u8>>, at: usize| {
-        let nanoseconds = parse_field(&row[at + 1]).is_ok_and(|number| number < 1e9);
-        let is_before_text = || row.get(at + 2).is_some_and(|text| !is_numeric(text, separator));
-        let is_echo = || is_since_1970(&row[at]) && is_before_text();
-        is_whole(&row[at])
-            && is_whole(&row[at + 1])
-            && nanoseconds
-            && (names.is_some() || is_echo())
-    };
-    let is_named = |at: usize| match names {
-        Some(names) => {
-            let seconds = names.get(at).map(|name| plain(name)).unwrap_or_default();
-            let ends = SECONDS.iter().any(|ending| seconds.ends_with(ending));
-            ends && names.get(at + 1).is_some_and(|name| are_nanoseconds(name))
-        }
-        None => true,
-    };
-    let columns = rows.iter().map(Vec::len).min()?;
-    (0..columns.saturating_sub(1))
-        .find(|&at| is_named(at) && rows.iter().all(|row| is_time(row, at)))
-}
-
 /// Counts the columns that have a meaning.
-pub(super) fn roles(names: &[String]) -> usize {
+pub(crate) fn roles(names: &[String]) -> usize {
     names.iter().filter(|name| meaning_of(name, LogFormat::Csv).0 != Meaning::Other).count()
 }
 
@@ -386,7 +392,7 @@ const OTHER_UNITS: [&str; 22] = [
     "hex", "hz", "%", "-", "c", "°c", "pa", "bar", "ut",
 ];
 
-fn are_units(names: &[String]) -> bool {
+pub(crate) fn are_units(names: &[String]) -> bool {
     let is_unit = |name: &&String| {
         let bare = name.trim_matches(['(', ')', '[', ']']);
         Unit::is_spelled(bare) || OTHER_UNITS.contains(&bare.to_lowercase().as_str())
@@ -482,10 +488,9 @@ fn split(text: &[u8], separator: u8) -> Vec<Vec<u8>> {
 }
 
 /// Returns true if a field is a number, a date or a time of day.
-pub(super) fn is_numeric(field: &[u8], separator: u8) -> bool {
-    let is_number =
-        |field: &[u8]| matches!(parse_field(field), Ok(_) | Err(FieldProblem::NotFinite));
-    is_number(field) || (separator != b',' && is_number(&with_points(field))) || is_date(field)
+pub(super) fn is_numeric(field: &[u8]) -> bool {
+    let is_not_finite = matches!(parse_field(field), Err(FieldProblem::NotFinite));
+    is_not_finite || is_marked_number(field) || is_date(field)
 }
 
 /// Returns the most frequent separator of a line outside quotes; if there is none, blanks for a line of numbers, else
@@ -511,7 +516,7 @@ pub(crate) fn line_separator(line: &[u8]) -> u8 {
     if parts.iter().any(|part| part == b",") {
         return b',';
     }
-    let are_numbers = parts.iter().filter(|part| is_numeric(part, BLANK)).count();
+    let are_numbers = parts.iter().filter(|part| is_numeric(part)).count();
     match parts.len() > 1 && parts.len() + 1 > counts[0] && 2 * are_numbers > parts.len() {
         true => BLANK,
         false => b',',

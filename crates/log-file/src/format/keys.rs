@@ -1,7 +1,8 @@
 //! Keys and values above the names: the rate, the units, and the counts per unit.
 
 use super::column_name::plain;
-use shell_data::unit::{Quantity, Unit};
+use super::meaning::{Meaning, StatedUnit};
+use shell_data::unit::{Quantity, Scale, Unit};
 
 /// The values of known keys, each with its line number.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -10,6 +11,9 @@ pub(crate) struct Keys {
     /// Units, and counts per unit, of forces and of moments.
     pub(crate) units: [Option<(String, u64)>; 2],
     pub(crate) counts: [Option<(f64, u64)>; 2],
+    /// Units by the names of columns, and units of all columns.
+    pub(crate) units_of: Vec<(String, String)>,
+    pub(crate) units_of_all: Option<String>,
     pub(crate) is_labview: bool,
     /// True for an export from Vicon, whose sections end at a blank line.
     pub(crate) is_vicon: bool,
@@ -63,7 +67,8 @@ impl Keys {
         keys
     }
 
-    fn read(&mut self, key: &str, value: &str, number: u64) {
+    /// Reads a key and its value, at a line number.
+    pub(crate) fn read(&mut self, key: &str, value: &str, number: u64) {
         let (key, unit) = key.split_once(['(', '[']).unwrap_or((key, ""));
         let key = plain(key);
         let key = key.strip_suffix("hz").unwrap_or(&key);
@@ -90,6 +95,57 @@ impl Keys {
             self.counts[at] = self.counts[at].or(counts.map(|counts| (counts, number)));
         } else if is_load && key.contains("unit") && self.units[at].is_none() {
             self.units[at] = Some((value.to_owned(), number));
+        } else if !is_load {
+            let at_start = ["units", "unit"].iter().find_map(|it| key.strip_prefix(it));
+            let stem = at_start.or_else(|| key.strip_suffix("units"));
+            match stem.or_else(|| key.strip_suffix("unit")) {
+                Some("") if self.units_of_all.is_none() => {
+                    self.units_of_all = Some(value.to_owned());
+                }
+                Some(name) => self.units_of.push((name.to_owned(), value.to_owned())),
+                None => {}
+            }
+        }
+    }
+
+    /// Returns the unit that the keys state for a quantity in a column.
+    pub(crate) fn unit(&self, column: &str, meaning: Meaning) -> StatedUnit {
+        let Some(quantity) = meaning.quantity() else { return StatedUnit::None };
+        let words = meaning.in_words().unwrap_or_default();
+        let names = [plain(column), plain(&words)];
+        let of_column = self.units_of.iter().find(|(name, _)| names.contains(name));
+        let of_loads = match quantity {
+            Quantity::Force => self.units[0].as_ref(),
+            Quantity::Moment => self.units[1].as_ref(),
+            _ => None,
+        };
+        let text = of_column.map(|(_, unit)| unit).or(of_loads.map(|(unit, _)| unit));
+        match text {
+            Some(text) => StatedUnit::new(text, quantity),
+            None => self.unit_of_all(quantity),
+        }
+    }
+
+    /// Returns the unit of a quantity in a list such as `N, Nm`. A single unit of forces other than N leaves the unit
+    /// of moments open.
+    fn unit_of_all(&self, quantity: Quantity) -> StatedUnit {
+        let Some(text) = &self.units_of_all else { return StatedUnit::None };
+        let list = text.replace(" and ", ",");
+        let units: Vec<&str> =
+            list.split([',', ';', '|']).map(str::trim).filter(|unit| !unit.is_empty()).collect();
+        let is_one = units.len() == 1;
+        let known = units.iter().find_map(|unit| Unit::parse(unit, quantity));
+        let is_foreign = |unit: &&str| {
+            let force = Unit::parse(unit, Quantity::Force).is_some_and(|it| it.scale != Scale::ONE);
+            force || ["english", "imperial"].contains(&unit.to_lowercase().as_str())
+        };
+        match known {
+            Some(_) if quantity == Quantity::Time && is_one => StatedUnit::None,
+            Some(unit) => StatedUnit::Known(unit),
+            None if quantity != Quantity::Time && units.iter().any(is_foreign) => {
+                StatedUnit::Unknown(text.clone())
+            }
+            None => StatedUnit::None,
         }
     }
 

@@ -3,22 +3,29 @@
 use memchr::memchr;
 
 use super::choice::{Comparison, Interleaving, PlacedCondition};
-use super::clock::{CLOCK_ROWS, ClockFields, DateColumn, is_since_1970};
+use super::clock::{CLOCK_ROWS, ClockFields, DateColumn, is_since_1970, origin_of_days};
+use super::clock_parts::{
+    ClockPart, OF_NANOSECONDS, PartValues, date_part, has_fraction, is_fraction, nameless_stamp,
+};
 use super::columns::{Column, ColumnRoles, by_shape, positions, recognise};
 use super::head::{self, Head, line_separator, numbered};
 use super::keys::Keys;
 use super::lines::{LayoutLine, all_lines, fields, lines, texts};
 use super::mapping::{LogFormat, Mapping, TimeUnit};
 use super::meaning::{Meaning, StatedUnit};
+use super::stated_units::{apply_keys, are_counts, unit_columns};
 use crate::error::{FieldProblem, LogError, PlacedProblem};
 use crate::line::line_ends;
 use crate::parse::console;
-use crate::parse::date::is_date;
+use crate::parse::date::{DateOrder, is_date};
 use crate::parse::form::{RowBody, RowForm};
-use crate::parse::number::{parse_field, with_points};
+use crate::parse::marks::NumberMarks;
+use crate::parse::number::parse_field;
+use crate::parse::rows::HeadLines;
 use crate::stream::clock_turns::{ClockTurns, TURN};
+use crate::stream::companion::SideRows;
 use crate::stream::source::LogSource;
-use shell_data::unit::{Quantity, Scale, Unit};
+use shell_data::unit::Scale;
 use shell_data::wrench::Axis;
 use table_file::{FileKind, Table};
 
@@ -35,6 +42,8 @@ pub(crate) struct FileLayout {
     pub(crate) dates: Option<DateColumn>,
     /// Rows per second stated above the names, if no column is a time.
     pub(crate) rate_hz: Option<f64>,
+    /// The number of 1970-01-01 in the time's count of days.
+    pub(crate) origin_days: Option<f64>,
     /// True if the first time is an integer in ms, µs or ns that fits 32 bits.
     pub(crate) counts_in_32_bits: bool,
     pub(crate) conditions: Vec<PlacedCondition>,
@@ -47,7 +56,7 @@ impl FileLayout {
     /// Returns the clock if it may wrap around: the robot's in µs, 32-bit integers in another unit, or the time of
     /// day.
     pub(crate) fn clock(&self) -> Option<ClockTurns> {
-        let column = self.roles.time?;
+        let column = self.roles.time.filter(|_| self.roles.time_parts.is_empty())?;
         let per = self.columns[column].meaning.scale().per;
         let clock = ClockTurns::new(self.header.form.clone(), self.header.separator, column);
         if self.header.format == LogFormat::Telemetry {
@@ -74,7 +83,13 @@ pub(crate) struct Header {
     pub(crate) rows_start: usize,
     /// The number of the line that names the columns, or of the first row if there is none.
     pub(crate) names_line: u64,
-    pub(crate) has_decimal_commas: bool,
+    /// The position of whole seconds in a log without names, whose nanoseconds follow in the next column.
+    nameless_stamp: Option<usize>,
+    /// The lines of the names and units, if there are any.
+    pub(crate) head_lines: Option<HeadLines>,
+    pub(crate) marks: NumberMarks,
+    /// The line number of the first row, from 1.
+    first_row: u64,
 }
 
 impl Header {
@@ -89,7 +104,10 @@ impl Header {
             keys: Keys::default(),
             rows_start,
             names_line,
-            has_decimal_commas: false,
+            nameless_stamp: None,
+            head_lines: None,
+            marks: NumberMarks::default(),
+            first_row: 1,
         }
     }
 }
@@ -105,17 +123,78 @@ impl Header {
         }
     }
 
+    /// Returns the lines of names and units, if the rows are below them.
+    fn head_lines(&self, head: &[u8]) -> Option<HeadLines> {
+        let above = &head[..self.rows_start.min(head.len())];
+        let line = |number: u64| all_lines(above, 0, 1).find(|line| line.number == number);
+        let names = line(self.names_line)?.text.to_vec();
+        let units = self.units_line.and_then(line).map(|line| line.text.to_vec());
+        Some(HeadLines { number: self.names_line, names, units: units.unwrap_or_default() })
+    }
+
+    /// Describes the text of two logs that are joined row by row. If both have a wrench, the first one's columns get
+    /// other names, so that the second one's are taken; other names that both have refer to the first log.
+    pub(crate) fn joined(logs: [(&Self, &ColumnRoles); 2], separator: u8) -> Self {
+        let [(first, roles), (second, others)] = logs;
+        let has_wrench = others.wrench.iter().any(Option::is_some);
+        let of_first = first.names.iter().enumerate().map(|(at, name)| {
+            match has_wrench && roles.wrench.contains(&Some(at)) {
+                true => format!("1st {name}"),
+                false => name.clone(),
+            }
+        });
+        let mut names: Vec<String> = of_first.collect();
+        let of_second = second.names.iter().map(|name| {
+            match names.iter().any(|taken| taken.eq_ignore_ascii_case(name)) {
+                true => format!("2nd {name}"),
+                false => name.clone(),
+            }
+        });
+        let of_second: Vec<String> = of_second.collect();
+        names.extend(of_second);
+        let units = [first, second].into_iter().flat_map(|of| {
+            let mut units = of.units.clone();
+            units.resize(of.names.len(), String::new());
+            units
+        });
+        let keys = match has_wrench {
+            true => {
+                Keys { rate_hz: first.keys.rate_hz.or(second.keys.rate_hz), ..second.keys.clone() }
+            }
+            false => first.keys.clone(),
+        };
+        // Lines above the rows of the joined text are empty.
+        let rows_start = first.first_row as usize - 1;
+        let names_line = first.names_line;
+        let new = Self::new(LogFormat::Csv, names, rows_start, names_line);
+        Self { separator, units: units.collect(), keys, ..new }
+    }
+
+    /// Returns how the rows of a text are written, if it has names above them.
+    pub(crate) fn side_rows(&self) -> Option<SideRows> {
+        let is_log = self.format == LogFormat::Csv && self.names_line < self.first_row;
+        is_log.then(|| SideRows {
+            lines: [self.names_line, self.first_row],
+            separator: self.separator,
+            form: self.form.clone(),
+            marks: self.marks.clone(),
+            columns: self.names.len(),
+        })
+    }
+
     pub(crate) fn ends_at_blank(&self) -> bool {
         self.keys.is_vicon
     }
 }
 
-/// Recognises the layout of the log that starts with `head`; `whole` if that is the whole log.
+/// Recognises the layout of the log that starts with `head`; `whole` if that is the whole log. `known` is its header,
+/// if the log is joined from others.
 pub(crate) fn recognise_layout(
     source: &LogSource,
     head: &[u8],
     whole: bool,
     mapping: &Mapping,
+    known: Option<Header>,
 ) -> Result<FileLayout, LogError> {
     let path = || source.path.clone();
     if let Some((offset, byte)) = binary_byte(head) {
@@ -124,7 +203,14 @@ pub(crate) fn recognise_layout(
     if head.trim_ascii().is_empty() || head == BYTE_ORDER_MARK {
         return Err(LogError::Empty(path()));
     }
-    let header = read_header(source, head, whole, mapping)?;
+    let mut header = match known {
+        Some(header) => header,
+        None => read_header(source, head, whole, mapping)?,
+    };
+    header.first_row = 1 + line_ends(&head[..header.rows_start.min(head.len())]);
+    if source.as_table().is_none() {
+        header.head_lines = header.head_lines(head);
+    }
     if whole && head[header.rows_start.min(head.len())..].trim_ascii().is_empty() {
         return Err(LogError::NoRows(path()));
     }
@@ -137,10 +223,13 @@ pub(crate) fn recognise_layout(
     };
     let (mut columns, mut roles) =
         recognise(names.clone(), &header.units, header.format, mapping).map_err(error)?;
-    apply_keys(&header.keys, &mut columns);
     let rows = head.get(rows_start..).unwrap_or_default();
     let made = (!header.form.is_plain()).then(|| header.form.separated(rows, separator));
-    let rows = made.as_deref().unwrap_or(rows);
+    let written = made.as_deref().unwrap_or(rows);
+    let rows_line = 1 + line_ends(&head[..rows_start]);
+    check_marks(source, &header, &columns, (written, rows_line))?;
+    let made = (!header.marks.is_plain()).then(|| header.marks.rewritten(written, separator));
+    let rows = made.as_deref().unwrap_or(written);
     let clock_at = |at: usize| ClockFields::new(rows, separator, at);
     if let (None, LogFormat::Csv) = (roles.time, header.format)
         && let Some(at) = only_dates(rows, separator, &columns)
@@ -148,17 +237,28 @@ pub(crate) fn recognise_layout(
         columns[at].meaning = Meaning::Time(Scale::ONE);
         roles.time = Some(at);
     }
+    let mut keys = header.keys.clone();
+    for (name, unit) in unit_columns(rows, separator, &columns) {
+        keys.read(&name, &unit, 0);
+    }
+    apply_keys(&keys, &mut columns);
+    if are_counts(rows, separator, &columns) {
+        let loads = columns.iter_mut().filter(|column| matches!(column.meaning, Meaning::Load(..)));
+        loads.for_each(|column| column.set_unit(StatedUnit::Unknown("counts".to_owned())));
+    }
     let order = mapping.for_columns(names).date_order();
     let is_time = |clock: &ClockFields| {
-        let is_number = |field: &[u8]| parse_field(field).is_ok() || is_number(&with_points(field));
+        let is_number = |field: &[u8]| parse_field(field).is_ok();
         match clock.dates(order) {
             // A clock that shows whole seconds, such as in ATI's demo, is less useful than the rate.
             Some(_) => !clock.repeats(),
             None => clock.first().is_some_and(is_number),
         }
     };
+    let date = add_parts(source, &header, rows, order, (&mut columns, &mut roles));
     let said_rate = header.keys.rate_hz.filter(|_| header.format == LogFormat::Csv);
     if said_rate.is_some()
+        && roles.time_parts.is_empty()
         && let Some(at) = roles.time
         && !is_time(&clock_at(at))
     {
@@ -168,11 +268,15 @@ pub(crate) fn recognise_layout(
     }
     let rate_hz = said_rate.filter(|_| roles.time.is_none()).map(|(rate, _)| rate);
     let clock = roles.time.map(clock_at);
-    let dates = clock.as_ref().and_then(|clock| clock.dates(order));
+    let mut dates = clock.as_ref().and_then(|clock| clock.dates(order));
+    if let (Some(dates), Some(date)) = (&mut dates, date) {
+        dates.is_of_day = false;
+        dates.unclear = dates.unclear.take().or(date.unclear);
+    }
     // The values of a table's times are in s, whatever the name says and even if the first rows have none.
     let is_typed = |at: usize| source.as_whole_table().is_some_and(|table| table.is_time(at));
     if let Some(at) = roles.time
-        && (dates.is_some() || is_typed(at))
+        && (dates.is_some() || is_typed(at) || is_sum_of_seconds(&columns[at], &roles))
     {
         columns[at].set_unit(TimeUnit::Second.into());
     }
@@ -181,12 +285,25 @@ pub(crate) fn recognise_layout(
         && columns[at].unit == StatedUnit::None
     {
         let unclear = |step| PlacedProblem::UnclearTimeUnit { column: names[at].clone(), step };
-        if let Some(unit) = clock.unit().map_err(|step| error(unclear(step)))? {
+        // The rate in the head may tell between two units.
+        let by_rate = |step: f64| {
+            let (rate, _) = header.keys.rate_hz?;
+            let is_of = |unit: &TimeUnit| (step / unit.per_second() * rate - 1.0).abs() < 0.2;
+            TimeUnit::ALL.into_iter().find(is_of)
+        };
+        let unit = match clock.unit() {
+            Err(step) => Some(by_rate(step).ok_or_else(|| error(unclear(step)))?),
+            Ok(unit) => unit,
+        };
+        if let Some(unit) = unit {
             columns[at].set_unit(unit.into());
         }
     }
-    let rows_line = 1 + line_ends(&head[..rows_start]);
     let first_time = clock.as_ref().and_then(ClockFields::first);
+    let is_in_days = |at: usize| columns[at].meaning.scale().times == DAY_S && dates.is_none();
+    let first_day = first_time.and_then(|field| parse_field(field).ok());
+    let first_day = first_day.filter(|_| roles.time.is_some_and(is_in_days));
+    let origin_days = first_day.and_then(origin_of_days);
     let counts_in_32_bits = roles.time.is_some_and(|at| {
         let is_count = |time: f64| time.fract() == 0.0 && (0.0..TURN).contains(&time);
         let is_small = columns[at].meaning.scale().per >= 1e3;
@@ -196,7 +313,15 @@ pub(crate) fn recognise_layout(
     let conditions = conditions(names, roles.group, &header, mapping).map_err(error)?;
     let interleaving = interleaving(rows, separator, &columns)
         .filter(|found| !conditions.iter().any(|of| columns[of.column].name == found.column));
-    let decisions = decisions(&header, rows_line, rate_hz.is_some());
+    let mut decisions = decisions(&header, rows_line, rate_hz.is_some());
+    if let (Some(at), false) = (roles.time, roles.time_parts.is_empty()) {
+        let parts = roles.time_parts.iter().map(|part| part.column);
+        let parts: Vec<_> = std::iter::once(at).chain(parts).map(|at| names[at].as_str()).collect();
+        decisions.push(format!("time is the sum of `{}`", parts.join("` and `")));
+    }
+    if origin_days.is_some() {
+        decisions.push("time in days of a spreadsheet, as seconds since 1970".to_owned());
+    }
     Ok(FileLayout {
         header,
         columns,
@@ -204,6 +329,7 @@ pub(crate) fn recognise_layout(
         rows_line,
         dates,
         rate_hz,
+        origin_days,
         counts_in_32_bits,
         conditions,
         interleaving,
@@ -273,27 +399,71 @@ fn interleaving(rows: &[u8], separator: u8, columns: &[Column]) -> Option<Interl
     Interleaving::find(&found)
 }
 
-/// Applies units and counts from keys to the loads whose columns state no unit.
-fn apply_keys(keys: &Keys, columns: &mut [Column]) {
-    for column in columns {
-        let Meaning::Load(axis, _) = column.meaning else { continue };
-        if column.unit != StatedUnit::None {
-            continue;
-        }
-        let at = usize::from(axis.is_moment());
-        if let Some((unit, _)) = &keys.units[at] {
-            column.set_unit(StatedUnit::new(unit, Quantity::of_axis(axis)));
-        }
-        if let Some((counts, _)) = keys.counts[at]
-            && !matches!(column.unit, StatedUnit::Unknown(_))
-        {
-            let symbol = column.unit.known().map_or_else(|| axis.unit(), |unit| &unit.symbol);
-            let symbol = format!("{symbol}/{counts}");
-            let scale = column.meaning.scale();
-            let scale = Scale { per: scale.per * counts, ..scale };
-            column.set_unit(StatedUnit::Known(Unit { symbol, scale }));
-        }
+const DAY_S: f64 = 86_400.0;
+
+/// Refuses a number that may have a decimal mark or one between thousands, in a column with a meaning.
+fn check_marks(
+    source: &LogSource,
+    header: &Header,
+    columns: &[Column],
+    (rows, rows_line): (&[u8], u64),
+) -> Result<(), LogError> {
+    let is_used = |of: &Column| {
+        matches!(of.meaning, Meaning::Time(_) | Meaning::Sensor(_) | Meaning::Load(..))
+    };
+    for (at, column) in columns.iter().enumerate().filter(|(_, column)| is_used(column)) {
+        let Some(number) = header.marks.unclear(at) else { continue };
+        let is_there = |line: &LayoutLine<'_>| {
+            let fields = fields(line.text, header.separator);
+            fields.get(at).is_some_and(|field| field.trim_ascii() == number.as_bytes())
+        };
+        let line = lines(rows, 0, rows_line).find(is_there).map_or(rows_line, |line| line.number);
+        let (column, number) = (column.name.clone(), number.to_owned());
+        return Err(source.error_at(line, PlacedProblem::UnclearMark { column, number }));
     }
+    Ok(())
+}
+
+/// Finds the columns that are added to the time, and gives them their meaning. Returns the notation of dates among
+/// them.
+fn add_parts(
+    source: &LogSource,
+    header: &Header,
+    rows: &[u8],
+    order: Option<DateOrder>,
+    (columns, roles): (&mut [Column], &mut ColumnRoles),
+) -> Option<DateColumn> {
+    let at = roles.time.filter(|_| header.format == LogFormat::Csv)?;
+    let separator = header.separator;
+    if header.nameless_stamp == Some(at) {
+        roles.time_parts = vec![ClockPart { column: at + 1, values: OF_NANOSECONDS }];
+    }
+    let was_named = !roles.time_parts.is_empty();
+    let repeats = ClockFields::new(rows, separator, at).repeats();
+    let is_sure = repeats || has_fraction(&header.names, at) || header.nameless_stamp == Some(at);
+    roles.time_parts.retain(|part| is_sure && is_fraction(rows, separator, at, *part));
+    if was_named && roles.time_parts.is_empty() && repeats && has_fraction(&header.names, at) {
+        // Seconds without their fraction would stand still.
+        columns[at].meaning = Meaning::Other;
+        roles.time = None;
+        return None;
+    }
+    let kind = source.as_whole_table().map(|table| table.kind);
+    let is_sheet = matches!(kind, Some(FileKind::Xlsx | FileKind::Ods));
+    let mut date = None;
+    if let Some(column) = date_part(rows, separator, at, columns, is_sheet) {
+        date = ClockFields::new(rows, separator, column).dates(order);
+        let of_dates = |dates: &DateColumn| PartValues::Dates(dates.order);
+        let values = date.as_ref().map_or(PartValues::Numbers(Scale::ONE), of_dates);
+        roles.time_parts.push(ClockPart { column, values });
+    }
+    roles.time_parts.iter().for_each(|part| columns[part.column].meaning = Meaning::TimePart);
+    date
+}
+
+/// Returns true for whole seconds without a unit, to which other columns are added.
+fn is_sum_of_seconds(column: &Column, roles: &ColumnRoles) -> bool {
+    column.unit == StatedUnit::None && !roles.time_parts.is_empty()
 }
 
 /// Describes unusual decisions about the lines above the rows.
@@ -315,20 +485,26 @@ fn decisions(header: &Header, rows_line: u64, takes_rate: bool) -> Vec<String> {
     if header.form.body == RowBody::Blanks {
         said.push("columns between blanks".to_owned());
     }
-    if let Some(at) = header.form.stamp {
-        let (seconds, nanoseconds) = (at + 1, at + 2);
-        said.push(format!("seconds in column {seconds}, nanoseconds in column {nanoseconds}"));
+    if !header.marks.grouped.is_empty() {
+        let grouped = header.marks.grouped.iter();
+        let names = grouped.filter_map(|&at| header.names.get(at).map(String::as_str));
+        let names = names.collect::<Vec<_>>().join("`, `");
+        said.push(format!("marks between thousands, in `{names}`"));
     }
     if header.form.has_arrow {
         said.push("time before the values of a line".to_owned());
     }
+    let place = |line: u64| match line {
+        0 => "the file's attributes".to_owned(),
+        line => format!("line {line}"),
+    };
     if let (Some((rate, line)), true) = (header.keys.rate_hz, takes_rate) {
-        said.push(format!("{rate} Hz from line {line}, as time"));
+        said.push(format!("{rate} Hz from {}, as time", place(line)));
     }
     for (what, counts) in ["forces", "moments"].iter().zip(header.keys.counts) {
         if let Some((counts, line)) = counts {
             let counts = grouped(counts);
-            said.push(format!("{what} in counts, divided by {counts} from line {line}"));
+            said.push(format!("{what} in counts, divided by {counts} from {}", place(line)));
         }
     }
     let is_usual = header.format != LogFormat::Csv
@@ -359,12 +535,20 @@ fn read_header(
         return Err(source.error_at(first.number, PlacedProblem::CarriageReturns));
     }
     let is_long = !whole && first.next == head.len() && !head.ends_with(b"\n");
+    let is_alone = || whole && lines(head, first.next, first.number + 1).next().is_none();
+    let has_lists = || str::from_utf8(first.text).is_ok_and(|text| text.matches(',').count() > 16);
     if first.text.trim_ascii_start().starts_with(b"{")
-        && (is_long || first.text.trim_ascii() == b"{")
+        && (is_long || first.text.trim_ascii() == b"{" || is_alone() && has_lists())
     {
         let what = "a JSON document";
         let remedy = "write CSV, or one object per line: in Python \
                       `pandas.read_json(FILE).to_csv('log.csv')`";
+        return Err(LogError::Foreign { path: source.path.clone(), what, remedy });
+    }
+    let of_octave = head[start..].starts_with(b"# Created by Octave");
+    if of_octave && memchr::memmem::find_iter(head, b"\n# name:").count() > 1 {
+        let what = "text of Octave with several variables";
+        let remedy = "save it with `save -v7 log.mat`, which is read";
         return Err(LogError::Foreign { path: source.path.clone(), what, remedy });
     }
     if is_long {
@@ -419,7 +603,10 @@ fn separated_header(
         && format == LogFormat::Csv
     {
         let units = table.map(Table::units).unwrap_or_default();
-        return Ok(Header { units, ..Header::new(format, names, first.next, first.number) });
+        let mut keys = Keys::default();
+        let attributes = table.map(|table| table.attributes.as_slice()).unwrap_or_default();
+        attributes.iter().for_each(|(key, value)| keys.read(key, value, 0));
+        return Ok(Header { units, keys, ..Header::new(format, names, first.next, first.number) });
     }
     let start = if head.starts_with(BYTE_ORDER_MARK) { BYTE_ORDER_MARK.len() } else { 0 };
     let comma = table.map(|_| b',');
@@ -443,14 +630,14 @@ fn separated_header(
         rows_line += 1;
     }
     let rows = form.separated(&head[rows_start..], separator);
-    let has_decimal_commas = separator != b',' && has_decimal_commas(&rows, separator);
-    let (mut form, mut names) = (form, names);
-    if table.is_none() {
-        form.stamp = head::stamp_at(&rows, separator, names.as_ref().map(|(_, names)| &names[..]));
-    }
-    if let (Some(at), Some((_, names))) = (form.stamp, &mut names) {
-        names[at + 1] += head::JOINED;
-    }
+    let is_list = separator != b',' && form.body == RowBody::Separated;
+    let of_line = |line: LayoutLine<'_>| fields(line.text, separator);
+    let marks = match table {
+        Some(_) => NumberMarks::default(),
+        None => NumberMarks::new(lines(&rows, 0, 1).map(of_line), is_list),
+    };
+    let is_nameless_text = names.is_none() && table.is_none();
+    let nameless_stamp = is_nameless_text.then(|| nameless_stamp(&rows, separator)).flatten();
     let (units_line, units) = units.map_or((None, Vec::new()), |(line, units)| (Some(line), units));
     let header = Header {
         separator,
@@ -458,7 +645,8 @@ fn separated_header(
         units,
         units_line,
         keys,
-        has_decimal_commas,
+        nameless_stamp,
+        marks,
         ..Header::new(format, Vec::new(), rows_start, rows_line)
     };
     let is_of_layout = |(format, layout): &&(LogFormat, &[&str])| match mapping.format {
@@ -507,7 +695,8 @@ fn usual_head(
         || first.text.starts_with(b"LabVIEW Measurement")
         || fields(&second).len() != names.len()
         || head::roles(&texts(&names)) == 0
-        || names.iter().any(|name| head::is_numeric(name, separator))
+        || names.iter().any(|name| head::is_numeric(name))
+        || head::with_groups(&texts(&names), &texts(&fields(&second))).is_some()
     {
         return None;
     }
@@ -515,7 +704,7 @@ fn usual_head(
     let above = all_lines(&head[..first.start], 0, 1);
     found.keys = Keys::new(above.map(|line| (line.number, head::bare(line.text))));
     let has_numbers =
-        |line: &LayoutLine<'_>| fields(line).iter().any(|field| head::is_numeric(field, separator));
+        |line: &LayoutLine<'_>| fields(line).iter().any(|field| head::is_numeric(field));
     // A line of units precedes a line of numbers; a quantity without a unit may have `1` in it.
     if (!has_numbers(&second) || head::are_units_or_ones(&texts(&fields(&second))))
         && let Some(third) = below.next()
@@ -537,7 +726,7 @@ fn names_alone(
     let separator = comma.unwrap_or_else(|| line_separator(first.text));
     let names = fields(first.text, separator);
     let second = lines(head, first.next, first.number + 1).next();
-    let is_text = !names.iter().any(|name| head::is_numeric(name, separator));
+    let is_text = !names.iter().any(|name| head::is_numeric(name));
     // Columns that are given by number need no names.
     let is_said = mapping.names_columns();
     let is_known = is_said || head::roles(&texts(&names)) > 0 || mapping.format.is_some();
@@ -573,20 +762,6 @@ fn named_head(
     }
 }
 
-/// Number of rows that are examined for decimal commas.
-const LOOKED_AT: usize = 16;
-
-/// Returns true if a field in the first rows becomes a number with a point for its comma, and no field is one
-/// already.
-fn has_decimal_commas(rows: &[u8], separator: u8) -> bool {
-    let is_decimal = |field: &Vec<u8>| {
-        field.contains(&b',') && !is_number(field) && is_number(&with_points(field))
-    };
-    lines(rows, 0, 1)
-        .take(LOOKED_AT)
-        .any(|line| fields(line.text, separator).iter().any(is_decimal))
-}
-
 /// Columns of formats that do not name them.
 const TRAINING: [&str; 15] =
     ["time", "s1", "s2", "s3", "s4", "s5", "s6", "s7", "s8", "Fx", "Fy", "Fz", "Mx", "My", "Mz"];
@@ -601,13 +776,15 @@ fn is_number(field: &[u8]) -> bool {
 }
 
 /// Returns true for robot telemetry: there are `%` lines above the rows, and one names columns separated by `|`, or
-/// none names columns in any way.
+/// none names columns in any way or states a key.
 fn is_telemetry(head: &[u8]) -> bool {
     let mut lines = lines(head, 0, 1).map(|line| line.text);
     let above: Vec<&[u8]> = lines.by_ref().take_while(|text| text.starts_with(b"%")).collect();
     let separates =
         |text: &&[u8]| text.contains(&b'|') || !text.iter().any(|byte| b",;\t".contains(byte));
-    !above.is_empty() && above.iter().any(separates)
+    let is_key = |text: &&[u8]| text.contains(&b':') || text.contains(&b'=');
+    let has_names = above.iter().any(|text| text.contains(&b'|'));
+    !above.is_empty() && above.iter().any(separates) && (has_names || !above.iter().any(is_key))
 }
 
 /// Returns true if a line reports a received payload, `SRC: 0x2052 |  [69, 20, …]`.

@@ -21,6 +21,8 @@ pub enum Meaning {
     Group,
     /// Robot telemetry, in counts whose scale is in the robot's profile.
     Telemetry(Telemetry),
+    /// A column that is added to the time: its date, or a fraction of its seconds.
+    TimePart,
     Other,
 }
 
@@ -33,6 +35,7 @@ impl Meaning {
             Meaning::Load(axis, _) => axis.name().to_owned(),
             Meaning::Group => "group".to_owned(),
             Meaning::Telemetry(telemetry) => telemetry.name().to_owned(),
+            Meaning::TimePart => "added to time".to_owned(),
             Meaning::Other => return None,
         })
     }
@@ -129,7 +132,14 @@ fn measured(name: &str, format: LogFormat) -> Option<(Meaning, StatedUnit)> {
     if let Some(meaning) = quantity_named(name, format) {
         return Some((meaning, StatedUnit::None));
     }
-    suffixes(name).find_map(|(base, suffix)| {
+    let of_capitals = || {
+        capitals(name).find_map(|(base, unit)| {
+            let meaning = quantity_named(base, format)?;
+            let unit = Unit::parse(unit, meaning.quantity()?)?;
+            Some((meaning, StatedUnit::Known(unit)))
+        })
+    };
+    let of_suffix = suffixes(name).find_map(|(base, suffix)| {
         let meaning = quantity_named(base, format)?;
         let quantity = meaning.quantity()?;
         if let Some(unit) = Unit::parse(suffix, quantity) {
@@ -141,7 +151,8 @@ fn measured(name: &str, format: LogFormat) -> Option<(Meaning, StatedUnit)> {
             .into_iter()
             .any(is_load)
             .then(|| (meaning, StatedUnit::Unknown(suffix.to_owned())))
-    })
+    });
+    of_suffix.or_else(of_capitals)
 }
 
 /// Returns the unit of a quantity in a name: the text in brackets, or a unit after a separator.
@@ -149,21 +160,47 @@ pub(super) fn unit_in_name(name: &str, quantity: Quantity) -> StatedUnit {
     if let Some((_, unit)) = in_brackets(name) {
         return StatedUnit::new(unit, quantity);
     }
-    let unit = suffixes(name).find_map(|(_, suffix)| Unit::parse(suffix, quantity));
+    let parts = suffixes(name).chain(capitals(name));
+    let unit = parts.filter_map(|(_, suffix)| Unit::parse(suffix, quantity)).next();
     unit.map_or(StatedUnit::None, StatedUnit::Known)
 }
 
 fn in_brackets(name: &str) -> Option<(&str, &str)> {
     let (base, unit) = name.split_once(['(', '[', '{'])?;
-    Some((base, unit.trim_end().trim_end_matches([')', ']', '}'])))
+    // An element of a list: `force[0]`.
+    if unit.trim_end_matches(']').bytes().all(|byte| byte.is_ascii_digit()) {
+        return None;
+    }
+    // A remark may follow: `Fx (N); RAW`, `Fx (N) filtered`.
+    let rest = |at: usize| {
+        unit[at + 1..].trim_start().starts_with(|c: char| c.is_alphabetic() || c == ';')
+    };
+    let end = unit.find([')', ']', '}']).filter(|&at| rest(at)).unwrap_or(unit.len());
+    Some((base, unit[..end].trim_end().trim_end_matches([')', ']', '}'])))
 }
 
 /// Splits a name at each of its separators.
-fn suffixes(name: &str) -> impl Iterator<Item = (&str, &str)> {
+pub(super) fn suffixes(name: &str) -> impl Iterator<Item = (&str, &str)> {
     let cuts = name.match_indices(|c: char| !c.is_alphanumeric() && c != '°');
     cuts.map(|(at, mark)| (name[..at].trim(), name[at + mark.len()..].trim()))
         .map(|(base, unit)| (base, unit.strip_prefix("in ").unwrap_or(unit)))
         .filter(|(base, unit)| !base.is_empty() && !unit.is_empty())
+}
+
+/// Splits a name where small and capital letters meet: `timeMs`, `forceXmN`. Units of time begin with a small letter.
+pub(super) fn capitals(name: &str) -> impl Iterator<Item = (&str, &str)> {
+    const TIMES: [(&str, &str); 5] =
+        [("Ms", "ms"), ("Us", "us"), ("Ns", "ns"), ("Sec", "s"), ("Seconds", "s")];
+    let meets = move |at: usize| {
+        let (base, unit) = name.split_at_checked(at)?;
+        let (before, first) = (base.chars().last()?, unit.chars().next()?);
+        let unit = TIMES.iter().find(|(word, _)| *word == unit).map_or(unit, |(_, unit)| unit);
+        (before.is_uppercase() != first.is_uppercase()
+            && before.is_alphabetic()
+            && first.is_alphabetic())
+        .then_some((base, unit))
+    };
+    (2..name.len()).filter_map(meets)
 }
 
 /// Returns the number after a prefix, if nothing else follows.
@@ -188,8 +225,8 @@ fn quantity_named(name: &str, format: LogFormat) -> Option<Meaning> {
     let is_named = |axis: &Axis| {
         let letter = axis.name().to_ascii_lowercase().split_off(1);
         let kinds: &[&str] = match axis.is_moment() {
-            false => &["f", "force", "forcev"],
-            true => &["m", "t", "moment", "torque"],
+            false => &["f", "force", "forcev", "kraft", "fuerza"],
+            true => &["m", "t", "moment", "torque", "drehmoment", "couple", "momento"],
         };
         kinds.iter().any(|kind| name.strip_prefix(kind) == Some(&letter))
     };

@@ -2,6 +2,7 @@
 
 pub(crate) mod choice;
 pub(crate) mod clock;
+pub(crate) mod clock_parts;
 mod column_name;
 pub(crate) mod columns;
 pub(crate) mod head;
@@ -10,3 +11,4 @@ pub(crate) mod layout;
 mod lines;
 pub(crate) mod mapping;
 pub(crate) mod meaning;
+mod stated_units;

@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use table_file::{Cell, ColumnPart, TablePart, WantedColumn};
 
 use super::date::parse_date;
-use super::number::{finite, parse_field};
+use super::marks::has_decimal_comma;
+use super::number::{finite, parse_field, with_points};
 use super::parsed_rows::{ParsedRows, RowError};
 use super::rows::{ColumnUse, RowPlan};
 use crate::error::{FieldProblem, RowProblem};
@@ -120,6 +121,10 @@ impl RowPlan {
             }
             ColumnPart::Cells(cells) => {
                 values.clear();
+                let has_commas = cells.iter().any(|cell| match cell {
+                    Cell::Text(text) => has_decimal_comma(text.as_bytes()),
+                    _ => false,
+                });
                 for (row, cell) in cells.iter().enumerate() {
                     let value = match (cell, column_use) {
                         (Cell::Missing, _) => Err(FieldProblem::Empty),
@@ -131,6 +136,9 @@ impl RowPlan {
                         }
                         (_, ColumnUse::Date(_)) => Err(FieldProblem::NotADate),
                         (Cell::Time { .. }, _) => Err(FieldProblem::NotANumber),
+                        (Cell::Text(text), _) if has_commas => {
+                            parse_field(&with_points(text.as_bytes()))
+                        }
                         (Cell::Text(text), _) => parse_field(text.as_bytes()),
                         _ => cell.number().ok_or(FieldProblem::Empty).and_then(finite),
                     };

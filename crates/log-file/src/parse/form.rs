@@ -13,8 +13,6 @@ pub(crate) struct RowForm {
     /// True if brackets around values are passed over: `(1.0 2.0)`.
     pub(crate) has_brackets: bool,
     pub(crate) body: RowBody,
-    /// The position of whole seconds that nanoseconds follow in the next column, as ROS writes times.
-    pub(crate) stamp: Option<usize>,
 }
 
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -88,10 +86,6 @@ impl RowForm {
                 tab(names.iter().enumerate().map(&mut value).collect())
             }
         };
-        let row = match self.stamp {
-            Some(at) => with_one_time(&row, separator, at, line.len()),
-            None => row,
-        };
         Some(match time {
             Some(time) => format!("{}{separator}{row}", time.trim()),
             None => row,
@@ -107,41 +101,6 @@ pub(crate) fn blank_fields(line: &str) -> impl Iterator<Item = &str> {
         c.is_whitespace() && !is_quoted
     });
     parts.filter(|part| !part.is_empty())
-}
-
-/// Moves the nanoseconds behind the seconds as decimals, in at most `longest` bytes. If there is too little room,
-/// drops a text in the next column, then the last digits.
-fn with_one_time(row: &str, separator: char, at: usize, longest: usize) -> String {
-    let mut fields: Vec<&str> = row.split(separator).collect();
-    let is_whole = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
-    let part = |at: usize| fields.get(at).map_or("", |field| field.trim());
-    let (seconds, nanoseconds) = (part(at), part(at + 1));
-    let is_text = part(at + 2).parse::<f64>().is_err();
-    if fields.len() < at + 2 {
-        return row.to_owned();
-    }
-    let is_time = is_whole(seconds) && is_whole(nanoseconds) && nanoseconds.len() <= 9;
-    let mut time = match is_time {
-        true => format!("{seconds}.{nanoseconds:0>9}").trim_end_matches('0').to_owned(),
-        // A fault is told as a time that is missing.
-        false => String::new(),
-    };
-    let length = |fields: &[&str], time: &str| {
-        let others: usize = fields.iter().map(|field| field.len() + 1).sum();
-        others + time.len() - 1
-    };
-    (fields[at], fields[at + 1]) = ("", "");
-    if length(&fields, &time) > longest
-        && is_text
-        && let Some(text) = fields.get_mut(at + 2)
-    {
-        *text = "";
-    }
-    while length(&fields, &time) > longest && time.len() > seconds.len() {
-        time.pop();
-    }
-    fields[at] = time.trim_end_matches('.');
-    fields.join(&separator.to_string())
 }
 
 /// Splits a line at the arrow, or behind a time in brackets.
@@ -178,14 +137,30 @@ pub(crate) fn labelled(line: &str) -> Option<Vec<(String, String)>> {
             && label.chars().all(is_part);
         let after = after.trim_start_matches([' ', '\t']);
         let (value, after) = after.split_at(after.find(MARKS).unwrap_or(after.len()));
-        if !is_label || value.parse::<f64>().is_err() {
+        // A unit may follow without a blank: `Fx:1.5N`.
+        let digits = value.rfind(|c: char| c.is_ascii_digit() || c == '.').map_or(0, |at| at + 1);
+        let (value, unit) = match value.parse::<f64>() {
+            Ok(_) => (value, ""),
+            Err(_) => value.split_at(digits),
+        };
+        if !is_label
+            || value.parse::<f64>().is_err()
+            || !(unit.is_empty() || Unit::is_spelled(unit))
+        {
             return None;
         }
         rest = after.trim_start_matches(MARKS);
         let mut label = label.trim().to_owned();
+        if !unit.is_empty() {
+            label = format!("{label} ({unit})");
+        }
         // A unit is a word that is not a label itself.
         let (word, behind) = rest.split_at(rest.find(MARKS).unwrap_or(rest.len()));
-        if !word.is_empty() && !word.contains([':', '=']) && Unit::is_spelled(word) {
+        if unit.is_empty()
+            && !word.is_empty()
+            && !word.contains([':', '='])
+            && Unit::is_spelled(word)
+        {
             label = format!("{label} ({word})");
             rest = behind.trim_start_matches(MARKS);
         }
@@ -301,24 +276,6 @@ mod tests {
         assert_eq!(String::from_utf8(made).unwrap().trim_end(), "7\t1400.5\t0.1\t0.2");
         let fields = object("{\"stamp\":{\"sec\":17,\"nanosec\":5000000},\"x\":1}").unwrap();
         assert_eq!(fields[0], ("stamp".to_owned(), "17.005000000".to_owned()));
-    }
-
-    #[test]
-    fn nanoseconds_become_decimals_of_the_seconds_before_them() {
-        let form = RowForm { stamp: Some(0), ..RowForm::default() };
-        for (line, expected) in [
-            ("1700000000,10000000,ft,1.5", "1700000000.01,,ft,1.5"),
-            ("1700000000,0,ft,1.5", "1700000000,,ft,1.5"),
-            ("1700000000,123456789,ft,1.5", "1700000000.123456789,,,1.5"),
-            // The name of the frame makes room for seven digits.
-            ("1700000000,5123,tool0,1.5", "1700000000.00000512,,,1.5"),
-            ("1700000000,5,,1.5", "1700000000,,,1.5"),
-            ("1700000000,,ft,1.5", ",,ft,1.5"),
-            ("1700000000,-5,ft,1.5", ",,ft,1.5"),
-        ] {
-            let made = String::from_utf8(form.separated(line.as_bytes(), b',')).unwrap();
-            assert_eq!((made.trim_end(), made.len()), (expected, line.len()), "{line}");
-        }
     }
 
     #[test]

@@ -9,6 +9,7 @@ mod field_ends;
 pub(crate) mod field_problem;
 pub(crate) mod form;
 mod instruction_set;
+pub(crate) mod marks;
 mod nearest;
 #[cfg(all(target_arch = "aarch64", target_endian = "little"))]
 mod neon;

@@ -6,7 +6,7 @@
 //! [`nearest`]. The standard library parses all else (longer mantissas, spaces, plus signs) and decides if a text is
 //! a number.
 
-use memchr::memchr_iter;
+use memchr::memchr;
 
 use super::field_problem::FieldProblem;
 use super::nearest::nearest;
@@ -101,13 +101,23 @@ pub(crate) fn finite(value: f64) -> Result<f64, FieldProblem> {
 /// its length, so that positions stay valid.
 pub(crate) fn with_points(lines: &[u8]) -> Vec<u8> {
     let mut text = lines.to_vec();
-    let is_digit = |byte: Option<&u8>| byte.is_some_and(u8::is_ascii_digit);
-    let between_digits = |&at: &usize| {
-        is_digit(at.checked_sub(1).and_then(|before| lines.get(before)))
-            && is_digit(lines.get(at + 1))
-    };
-    memchr_iter(b',', lines).filter(between_digits).for_each(|at| text[at] = b'.');
+    set_points(&mut text);
     text
+}
+
+/// Replaces commas in place, like [`with_points`].
+pub(super) fn set_points(lines: &mut [u8]) {
+    let is_digit = |byte: Option<&u8>| byte.is_some_and(u8::is_ascii_digit);
+    let mut from = 0;
+    while let Some(found) = memchr(b',', &lines[from..]) {
+        let at = from + found;
+        if is_digit(at.checked_sub(1).and_then(|before| lines.get(before)))
+            && is_digit(lines.get(at + 1))
+        {
+            lines[at] = b'.';
+        }
+        from = at + 1;
+    }
 }
 
 /// Returns the value and number of the digits at `bytes[at]`, up to eight; `None` if fewer bytes are left.

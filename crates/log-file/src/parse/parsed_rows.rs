@@ -5,11 +5,14 @@ use std::collections::BTreeMap;
 use super::field_ends::FieldEnds;
 use super::number::with_points;
 use crate::error::RowProblem;
+use crate::format::choice::ConditionTally;
 
 #[derive(Debug, Default, PartialEq)]
 pub(crate) struct ParsedRows {
     pub(crate) rows: usize,
     pub(crate) skipped: u64,
+    /// Lines that repeat the head of the log.
+    pub(crate) repeated_heads: u64,
     pub(crate) first_skipped: Option<RowError>,
     /// Numbers of skipped rows by what they have in common.
     pub(crate) skipped_for: BTreeMap<String, u64>,
@@ -18,6 +21,8 @@ pub(crate) struct ParsedRows {
     pub(crate) columns: Vec<Vec<f64>>,
     /// For each text column, runs of equal texts.
     pub(crate) labels: Vec<Vec<(String, usize)>>,
+    /// Tallies of the conditions on rows, in their order.
+    pub(crate) tallies: Vec<ConditionTally>,
     pub(super) ends: FieldEnds,
 }
 
@@ -25,6 +30,7 @@ impl ParsedRows {
     /// Removes all rows and makes room for `capacity` rows of `columns` columns.
     pub(crate) fn clear(&mut self, columns: usize, capacity: usize) {
         (self.rows, self.skipped, self.first_skipped) = (0, 0, None);
+        self.repeated_heads = 0;
         self.skipped_for.clear();
         self.passed.clear();
         self.labels.iter_mut().for_each(Vec::clear);

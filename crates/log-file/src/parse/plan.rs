@@ -5,11 +5,12 @@ use table_file::{TablePart, WantedColumn};
 
 use super::console;
 use super::form::RowForm;
-use super::number::with_points;
+use super::marks::NumberMarks;
 use super::parsed_rows::{ParsedRows, RowError};
 use super::rows::{ColumnUse, Limit, RowPlan};
 use crate::error::RowProblem;
 use crate::format::choice::{PlacedCondition, keep_chosen};
+use crate::format::clock_parts::{ClockPart, PartValues};
 use crate::format::columns::Wanted;
 use crate::format::layout::FileLayout;
 use crate::format::mapping::LogFormat;
@@ -23,12 +24,16 @@ use shell_data::unit::Scale;
 #[derive(Debug)]
 pub(crate) struct ReadPlan {
     rows: RowSyntax,
-    has_decimal_commas: bool,
+    marks: NumberMarks,
     form: RowForm,
     /// Line number of the first row and rows per second, if times are computed from them.
     rate: Option<(u64, f64)>,
     numbers: usize,
     time: Option<OutputColumn>,
+    /// The number of 1970-01-01 in a count of days.
+    origin_days: Option<f64>,
+    /// Columns that are added to the time.
+    time_parts: Vec<OutputColumn>,
     /// The clock, if it wraps around.
     clock: Option<ClockTurns>,
     readings: Vec<OutputColumn>,
@@ -139,18 +144,35 @@ impl ReadPlan {
             _ if positions.binary_search(&at).is_err() => ColumnUse::Skip,
             _ => match &layout.dates {
                 Some(dates) if roles.time == Some(at) => ColumnUse::Date(dates.order),
-                _ => ColumnUse::Number(limit(at)),
+                _ => match roles.time_parts.iter().find(|part| part.column == at) {
+                    Some(ClockPart { values: PartValues::Dates(order), .. }) => {
+                        ColumnUse::Date(*order)
+                    }
+                    _ => ColumnUse::Number(limit(at)),
+                },
             },
+        };
+        let part = |part: &ClockPart| {
+            let scale = match part.values {
+                PartValues::Dates(_) => Scale::ONE,
+                PartValues::Numbers(scale) => scale,
+            };
+            OutputColumn { scale, ..output(&part.column) }
         };
         let group = roles.group.filter(|_| wanted.groups);
         let decide = layout.conditions.iter().map(|of| of.column);
         let labels: Vec<usize> = wanted.texts.iter().copied().chain(decide).chain(group).collect();
         Self {
-            has_decimal_commas: layout.header.has_decimal_commas,
+            marks: layout.header.marks.clone(),
             form: layout.header.form.clone(),
             rate: layout.rate_hz.filter(|_| wanted.time).map(|rate| (layout.rows_line, rate)),
             numbers: positions.len(),
             time: roles.time.filter(|_| wanted.time).as_ref().map(output),
+            origin_days: layout.origin_days.filter(|_| wanted.time),
+            time_parts: match wanted.time {
+                true => roles.time_parts.iter().map(part).collect(),
+                false => Vec::new(),
+            },
             clock: layout.clock(),
             readings: outputs(wanted.readings, &roles.sensors),
             wrench: match wanted.wrench {
@@ -169,6 +191,7 @@ impl ReadPlan {
                     uses: (0..layout.columns.len()).map(column_use).collect(),
                     labels,
                     names: layout.columns.iter().map(|column| column.name.clone()).collect(),
+                    head: layout.header.head_lines.clone(),
                 }),
             },
         }
@@ -186,7 +209,8 @@ impl ReadPlan {
                 let made =
                     (!self.form.is_plain()).then(|| self.form.separated(lines, plan.separator));
                 let lines = made.as_deref().unwrap_or(lines);
-                let points = self.has_decimal_commas.then(|| with_points(lines));
+                let points =
+                    (!self.marks.is_plain()).then(|| self.marks.rewritten(lines, plan.separator));
                 let (written, lines) = (lines, points.as_deref().unwrap_or(lines));
                 // Rows usually have similar lengths; otherwise the columns grow.
                 let first = memchr(b'\n', lines).unwrap_or(lines.len()) + 1;
@@ -237,7 +261,14 @@ impl ReadPlan {
         if let (Some(clock), Some(output)) = (&self.clock, &self.time) {
             clock.unwrap(&mut parsed.columns[output.slot], turns);
         }
+        if let (Some(origin), Some(output)) = (self.origin_days, &self.time) {
+            parsed.columns[output.slot].iter_mut().for_each(|day| *day -= origin);
+        }
         let rows = parsed.rows;
+        let parts = self.time_parts.iter();
+        let parts: Vec<_> = parts
+            .map(|part| (std::mem::take(&mut parsed.columns[part.slot]), part.scale))
+            .collect();
         let mut take = |column: &mut Vec<f64>, output: &OutputColumn| {
             std::mem::swap(column, &mut parsed.columns[output.slot]);
             if output.scale != Scale::ONE {
@@ -246,6 +277,10 @@ impl ReadPlan {
         };
         if let Some(output) = &self.time {
             take(&mut block.time_s, output);
+        }
+        for (part, scale) in parts {
+            let times = block.time_s.iter_mut().zip(part);
+            times.for_each(|(time, part)| *time += scale.to_si(part));
         }
         block.readings.resize_with(self.readings.len(), Vec::new);
         block.memory_columns = 0;
@@ -267,7 +302,7 @@ impl ReadPlan {
         block.groups = block.texts.pop_if(|_| self.has_groups).unwrap_or_default();
         if !self.conditions.is_empty() {
             let values = block.texts.split_off(self.texts);
-            keep_chosen(block, &self.conditions, &values);
+            parsed.tallies = keep_chosen(block, &self.conditions, &values);
         }
         block.readings_before = None;
     }

@@ -21,6 +21,7 @@ use super::neon::Neon;
 use super::number::{finite, parse_digits, parse_field, parse_long, signed};
 use super::parsed_rows::{ParsedRows, RowError};
 use crate::error::{FieldProblem, RowProblem};
+use crate::format::head::{are_units, roles};
 use crate::line::{line_ends, without_returns};
 use shell_data::wrench::Axis;
 
@@ -34,6 +35,61 @@ pub(crate) struct RowPlan {
     /// Columns requested as text; they may have another use as well.
     pub(crate) labels: Vec<usize>,
     pub(crate) names: Vec<String>,
+    /// Lines of the head that may be repeated where logs were put together.
+    pub(crate) head: Option<HeadLines>,
+}
+
+/// The lines that name the columns and their units.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct HeadLines {
+    pub(crate) number: u64,
+    pub(crate) names: Vec<u8>,
+    pub(crate) units: Vec<u8>,
+}
+
+/// A line in the middle of a log that is no row.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum OtherLine {
+    /// A repeated line of the head.
+    Head,
+    /// Names or units other than in the head.
+    OtherHead,
+    Other,
+}
+
+impl HeadLines {
+    fn recognise(&self, line: &[u8], separator: u8) -> OtherLine {
+        // Without blanks, quotes and marks of remarks.
+        let bare = |line: &[u8]| -> Vec<u8> {
+            let is_text = |byte: &u8| !byte.is_ascii_whitespace() && !b"\"#%/".contains(byte);
+            line.iter().copied().filter(is_text).collect()
+        };
+        let text = bare(line);
+        if !text.is_empty() && [&self.names, &self.units].iter().any(|known| bare(known) == text) {
+            return OtherLine::Head;
+        }
+        let is_marked = |line: &[u8]| is_comment(line) || line.trim_ascii().starts_with(b"%");
+        // A remark is no head of a log whose names are in no remark.
+        if is_marked(line) && !is_marked(&self.names) {
+            return OtherLine::Other;
+        }
+        let line = String::from_utf8_lossy(line.trim_ascii());
+        let line = line.trim_start_matches(['#', '%', '/', ' ']);
+        let is_between = |c: char| match is_marked(&self.names) {
+            true => c.is_whitespace() || ",;|".contains(c),
+            false => c == char::from(separator),
+        };
+        let fields = line.split(is_between).map(|field| field.trim().trim_matches('"'));
+        let fields: Vec<String> =
+            fields.filter(|field| !field.is_empty()).map(str::to_owned).collect();
+        let is_text = fields.iter().all(|field| field.parse::<f64>().is_err());
+        let are_names = 2 * roles(&fields) >= fields.len().min(4);
+        let are_other_units = !self.units.is_empty() && are_units(&fields);
+        match is_text && fields.len() > 1 && (are_names || are_other_units) {
+            true => OtherLine::OtherHead,
+            false => OtherLine::Other,
+        }
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -136,12 +192,16 @@ impl RowPlan {
             let is_cut = |problem: &RowProblem| {
                 end == lines.len() && self.is_short(problem) || self.lacks_reference(problem)
             };
+            // Rows below other names would be read into the wrong columns.
+            let is_skipped = |problem: &RowProblem| {
+                !matches!(problem, RowProblem::OtherNames(_)) && (skip_bad_rows || is_cut(problem))
+            };
             match self.parse_line(line, parsed) {
                 None => parsed.pass_lines(1),
                 Some(Ok(())) => parsed.rows += 1,
                 // A writer that was killed or lost power leaves a cut-off last row. This is no error, nor is a frame
                 // without a sample of the reference.
-                Some(Err(problem)) if skip_bad_rows || is_cut(&problem) => {
+                Some(Err(problem)) if is_skipped(&problem) => {
                     parsed.skip(at, problem);
                     parsed.pass_lines(1);
                 }
@@ -213,7 +273,20 @@ impl RowPlan {
 
     /// Parses the row of a line; `None` if it is blank or a comment.
     fn parse_line(&self, line: &[u8], parsed: &mut ParsedRows) -> Option<Result<(), RowProblem>> {
-        if line.trim_ascii().is_empty() || is_comment(line) {
+        if line.trim_ascii().is_empty() {
+            return None;
+        }
+        if let Some(head) = self.head.as_ref().filter(|_| !begins_with_number(line)) {
+            match head.recognise(line, self.separator) {
+                OtherLine::Head => {
+                    parsed.repeated_heads += 1;
+                    return None;
+                }
+                OtherLine::OtherHead => return Some(Err(RowProblem::OtherNames(head.number))),
+                OtherLine::Other => {}
+            }
+        }
+        if is_comment(line) {
             return None;
         }
         if memchr(b'"', line).is_none() {
@@ -348,9 +421,16 @@ fn without_quotes(lines: &[u8], separator: u8) -> Option<Vec<u8>> {
     Some(bare)
 }
 
+fn begins_with_number(line: &[u8]) -> bool {
+    line.trim_ascii_start()
+        .first()
+        .is_some_and(|byte| byte.is_ascii_digit() || b"+-.".contains(byte))
+}
+
 pub(crate) fn is_comment(line: &[u8]) -> bool {
     let line = line.trim_ascii_start();
-    line.starts_with(b"#") || line.starts_with(b"//")
+    // PuTTY begins each session with such a line.
+    line.starts_with(b"#") || line.starts_with(b"//") || line.starts_with(b"=~=~")
 }
 
 /// Returns the number of bytes in the blank lines at the start of some lines.

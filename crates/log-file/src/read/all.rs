@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use crate::error::{LogError, RowProblem};
+use crate::format::choice::{Comparison, ConditionTally};
 use crate::format::columns::Wanted;
 use crate::log::Log;
 use crate::parse::plan::{BlockBuffer, ReadPlan};
@@ -23,6 +24,8 @@ pub struct ReadOptions<'a> {
     /// Largest accepted share of invalid rows when they are skipped; `None` for any.
     pub largest_bad_share: Option<f64>,
     pub checksum: bool,
+    /// True if an excluded group may be in other logs alone.
+    pub may_exclude_nothing: bool,
     /// Called on the caller's thread with the number of bytes read of the file on disk.
     pub progress: Option<&'a (dyn Fn(u64) + Sync)>,
 }
@@ -125,6 +128,7 @@ pub fn read_all<S: Send, T: Send, E: From<LogError>>(
     let bytes_read = Arc::clone(&pieces.meter.bytes);
     let mut found = vec![ReadSummary::default(); logs.len()];
     let mut skipped_rows = vec![SkippedRows::default(); logs.len()];
+    let mut tallies: Vec<Vec<ConditionTally>> = vec![Vec::new(); logs.len()];
     let mut checked = 0;
     let workers = pipeline::run(
         &mut pieces,
@@ -137,33 +141,41 @@ pub fn read_all<S: Send, T: Send, E: From<LogError>>(
                     rows: buffer.block.rows as u64,
                     repeated_rows: buffer.block.repeated_rows() as u64,
                     skipped_rows: buffer.parsed.skipped,
+                    repeated_heads: buffer.parsed.repeated_heads,
                     checksum: None,
                 };
                 let value = (summary.rows > 0).then(|| map(state, *log, &mut buffer.block));
                 let skipped_for = std::mem::take(&mut buffer.parsed.skipped_for);
-                (summary, value, buffer.first_skipped(piece), skipped_for)
+                let tallies = std::mem::take(&mut buffer.parsed.tallies);
+                (summary, value, buffer.first_skipped(piece), skipped_for, tallies)
             });
             (*log, parsed)
         },
         |(log, parsed)| {
             let bad_row = |(line, problem)| E::from(logs[log].source.error_at(line, problem));
-            let (of_chunk, value, skipped, why) = parsed.map_err(bad_row)?;
+            let (of_chunk, value, skipped, why, of_conditions) = parsed.map_err(bad_row)?;
+            tallies[log].resize_with(of_conditions.len(), ConditionTally::default);
+            tallies[log].iter_mut().zip(of_conditions).for_each(|(all, of)| all.add(of));
             let (first, all) = &mut skipped_rows[log];
             *first = first.take().or(skipped);
             why.into_iter().for_each(|(class, rows)| *all.entry(class).or_default() += rows);
-            check_rows(&logs[checked..log], &found[checked..log])?;
+            check_rows(&logs[checked..log], &found[checked..log], &tallies[checked..log])?;
             checked = log;
             let summary = &mut found[log];
             summary.rows += of_chunk.rows;
             summary.repeated_rows += of_chunk.repeated_rows;
             summary.skipped_rows += of_chunk.skipped_rows;
+            summary.repeated_heads += of_chunk.repeated_heads;
             if let Some(progress) = options.progress {
                 progress(bytes_read.load(Ordering::Relaxed));
             }
             value.map_or(Ok(()), |value| fold(log, value))
         },
     )?;
-    check_rows(&logs[checked..], &found[checked..])?;
+    check_rows(&logs[checked..], &found[checked..], &tallies[checked..])?;
+    if !options.may_exclude_nothing {
+        check_exclusions(logs, &tallies)?;
+    }
     if let Some(share) = options.largest_bad_share {
         check_skipped(logs, &found, skipped_rows, share)?;
     }
@@ -173,15 +185,43 @@ pub fn read_all<S: Send, T: Send, E: From<LogError>>(
     Ok((found, workers.into_iter().map(|(_, state)| state).collect()))
 }
 
-fn check_rows(logs: &[&Log], found: &[ReadSummary]) -> Result<(), LogError> {
+fn check_rows(
+    logs: &[&Log],
+    found: &[ReadSummary],
+    tallies: &[Vec<ConditionTally>],
+) -> Result<(), LogError> {
     let is_empty = |summary: &ReadSummary| summary.rows == 0 && summary.skipped_rows == 0;
-    match logs.iter().zip(found).find(|(_, found)| is_empty(found)) {
-        Some((log, _)) if !log.layout.conditions.is_empty() => {
-            Err(LogError::NoneChosen(log.path().to_owned()))
+    let Some(at) = found.iter().position(is_empty) else { return Ok(()) };
+    let (log, path) = (logs[at], logs[at].path().to_owned());
+    // The condition that removes most rows.
+    let pairs = log.layout.conditions.iter().zip(&tallies[at]);
+    match pairs.max_by_key(|(_, tally)| tally.removed) {
+        Some((condition, tally)) => {
+            let column = log.layout.columns[condition.column].name.clone();
+            Err(LogError::NoneChosen { path, column, found: tally.values.clone() })
         }
-        Some((log, _)) => Err(LogError::NoRows(log.path().to_owned())),
-        None => Ok(()),
+        None => Err(LogError::NoRows(path)),
     }
+}
+
+/// Refuses a condition that a value is unequal, such as an excluded group, which removes no row of any log.
+fn check_exclusions(logs: &[&Log], tallies: &[Vec<ConditionTally>]) -> Result<(), LogError> {
+    let Some((log, of_first)) = logs.first().zip(tallies.first()) else { return Ok(()) };
+    for (at, condition) in log.layout.conditions.iter().enumerate() {
+        let of_logs = || tallies.iter().filter_map(|of_log| of_log.get(at));
+        if condition.comparison == Comparison::Unequal
+            && of_logs().count() == logs.len()
+            && of_logs().all(|tally| tally.removed == 0)
+        {
+            return Err(LogError::NoneExcluded {
+                path: log.path().to_owned(),
+                column: log.layout.columns[condition.column].name.clone(),
+                value: condition.value.clone(),
+                found: of_first[at].values.clone(),
+            });
+        }
+    }
+    Ok(())
 }
 
 /// The line and error of the first skipped row, and numbers of skipped rows by their common feature.

@@ -1,10 +1,15 @@
 //! Joins two files row by row into one text: the lines `1,2` and `3` become `1,2,3`.
 //!
-//! Either both files have names in their first line, or neither. A name in both refers to the first file.
+//! Files that are logs by themselves are joined below their heads, each in its own notation. Otherwise either both
+//! files have names in their first line, or neither.
 
 use std::io::{self, BufRead, BufReader, Read};
+use std::sync::Arc;
 
 use super::text_stream::TextStream;
+use crate::parse::form::RowForm;
+use crate::parse::marks::NumberMarks;
+use crate::parse::rows::quoted_fields;
 
 /// The longest line, bytes.
 const LONGEST: u64 = 1 << 20;
@@ -13,7 +18,7 @@ const LONGEST: u64 = 1 << 20;
 const TEXT_BYTES: usize = 1 << 16;
 
 /// The reason why the rows of two files cannot be joined.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RowMismatch {
     /// The number of a line that only one file has.
@@ -29,14 +34,49 @@ pub enum RowMismatch {
     Telemetry,
     #[error("line {0} is longer than {LONGEST} bytes")]
     Long(u64),
+    /// The number of a row, from 1, and its times in s.
+    #[error("row {row} is at {first:.6} s in the one and at {second:.6} s in the other")]
+    Times { row: usize, first: f64, second: f64 },
 }
 
 /// Properties of two files, from their first lines.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Sides {
     separator: u8,
     pub(crate) has_names: bool,
     pub(crate) columns: [usize; 2],
+    /// The rows of two texts that are logs by themselves.
+    rows: Option<Arc<[SideRows; 2]>>,
+}
+
+/// The notation of a text's rows.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct SideRows {
+    /// The number of the line that names the columns, and of the first row.
+    pub(crate) lines: [u64; 2],
+    pub(crate) separator: u8,
+    pub(crate) form: RowForm,
+    pub(crate) marks: NumberMarks,
+    pub(crate) columns: usize,
+}
+
+impl SideRows {
+    /// Rewrites a line with another separator and points as decimal marks.
+    fn rewritten(&self, line: &[u8], separator: u8) -> Vec<u8> {
+        let mut made = line.to_vec();
+        if !self.form.is_plain() {
+            made = self.form.separated(&made, self.separator);
+        }
+        if !self.marks.is_plain() {
+            made = self.marks.rewritten(&made, self.separator);
+        }
+        if self.separator != separator {
+            let fields = quoted_fields(&made, self.separator);
+            let text = |field: &[u8]| field.trim_ascii().to_vec();
+            made = fields.iter().map(text).collect::<Vec<_>>().join(&separator);
+        }
+        made
+    }
 }
 
 impl Sides {
@@ -69,13 +109,30 @@ impl Sides {
             2 * fields.iter().filter(|field| is_number(field, separator)).count() < fields.len()
         });
         match has_names == other {
-            true => Ok(Self { separator, has_names, columns: fields.map(|fields| fields.len()) }),
+            true => {
+                let columns = fields.map(|fields| fields.len());
+                Ok(Self { separator, has_names, columns, rows: None })
+            }
             false => Err(RowMismatch::Names),
         }
     }
 
+    /// Describes two logs that are joined below their heads.
+    pub(crate) fn of_logs(rows: [SideRows; 2]) -> Self {
+        let separator = match rows[0].separator == rows[1].separator {
+            true => rows[0].separator,
+            false => b'\t',
+        };
+        let columns = rows.each_ref().map(|rows| rows.columns);
+        Self { separator, has_names: true, columns, rows: Some(Arc::new(rows)) }
+    }
+
+    pub(crate) fn separator(&self) -> u8 {
+        self.separator
+    }
+
     /// Returns the names of the second file, with those that the first has as well marked.
-    fn names(self, [first, second]: [&[u8]; 2]) -> Vec<u8> {
+    fn names(&self, [first, second]: [&[u8]; 2]) -> Vec<u8> {
         let separator = char::from(self.separator);
         let [first, second] = [first, second].map(String::from_utf8_lossy);
         let is_taken = |name: &str| {
@@ -105,11 +162,30 @@ fn is_number(field: &[u8], separator: u8) -> bool {
 pub(crate) fn joined<R: Read>(files: [R; 2], sides: Sides) -> impl Read {
     let [mut first, mut second] = files.map(CompanionLines::new);
     let (mut are_names, mut line) = (sides.has_names, 0);
+    let mut head = sides.rows.clone();
     TextStream::new(Vec::new(), move |text| {
+        if let Some(rows) = head.take() {
+            // The rows of the first file keep their line numbers.
+            for (file, rows) in [&mut first, &mut second].into_iter().zip(rows.iter()) {
+                for number in 1..rows.lines[1] {
+                    file.next(number)?;
+                }
+            }
+            line = rows[0].lines[1] - 1;
+            text.extend((0..line).map(|_| b'\n'));
+            are_names = false;
+        }
         while text.len() < TEXT_BYTES {
             line += 1;
             let there = [first.next(line)?, second.next(line)?];
-            let lines = [first.line.as_slice(), second.line.as_slice()];
+            let mut lines = [first.line.as_slice(), second.line.as_slice()];
+            let mut made = [Vec::new(), Vec::new()];
+            if let Some(rows) = &sides.rows {
+                for ((made, line), rows) in made.iter_mut().zip(&mut lines).zip(rows.iter()) {
+                    *made = rows.rewritten(line, sides.separator);
+                    *line = made.trim_ascii_end();
+                }
+            }
             match (there, lines) {
                 ([false, false], _) => return Ok(false),
                 // Blank lines at the end have no counterpart.

@@ -18,7 +18,7 @@ use tempfile::TempPath;
 
 use super::bytes::{ByteStream, CountedStream, ReadMeter, UNPACKED_RATIO, Unpacked};
 use super::chunk::{LINE_LIMIT, LongLine};
-use super::companion::{RowMismatch, Sides, joined};
+use super::companion::{RowMismatch, SideRows, Sides, joined};
 use super::text_rows::TextRows;
 use super::utf16::as_utf8;
 use super::zstd::{self, Zstd};
@@ -168,6 +168,11 @@ impl LogSource {
         Ok(Self { sides, ..source })
     }
 
+    /// Adds the columns of another text, below the heads of both.
+    pub(crate) fn with_rows_of(self, companion: Self, rows: [SideRows; 2]) -> Self {
+        Self { companion: Some(Arc::new(companion)), sides: Sides::of_logs(rows), ..self }
+    }
+
     /// Returns the first lines of this file and its companion; at least one of the two is a table.
     fn heads(&self) -> Result<[Vec<u8>; 2], LogError> {
         let head = |source: &Self| match source.as_table() {
@@ -196,7 +201,8 @@ impl LogSource {
             true => self.open()?.take(bytes as u64).read_to_end(&mut head),
             false => {
                 let heads = self.heads()?;
-                joined(heads.each_ref().map(Vec::as_slice), self.sides).read_to_end(&mut head)
+                let heads = heads.each_ref().map(Vec::as_slice);
+                joined(heads, self.sides.clone()).read_to_end(&mut head)
             }
         };
         read.map_err(|error| self.error(error))?;
@@ -221,7 +227,7 @@ impl LogSource {
     pub(crate) fn open_counting(&self, meter: &ReadMeter) -> Result<ByteStream, LogError> {
         let text = self.open_alone_counting(meter)?;
         let Some(companion) = &self.companion else { return Ok(text) };
-        Ok(Box::new(joined([text, companion.open()?], self.sides)))
+        Ok(Box::new(joined([text, companion.open()?], self.sides.clone())))
     }
 
     /// Opens the text of this file alone.

@@ -6,6 +6,7 @@
 //!
 //! One page of each column is held at a time. Nested lists, decimals and bytes are listed but not read.
 
+mod arrow_schema;
 pub(crate) mod encoding;
 mod page;
 mod schema;
@@ -112,8 +113,40 @@ pub(crate) fn open(source: &FileSource) -> Result<FoundTable, TableError> {
         }
     }
     budget::check_columns(KIND, columns.len())?;
+    let mut attributes = Vec::new();
+    for pair in footer.list(5).unwrap_or_default() {
+        let (key, value) = (pair.text(1).unwrap_or_default(), pair.text(2).unwrap_or_default());
+        if key == arrow_schema::KEY {
+            set_units(&arrow_schema::units(&value), &leaves, &columns, &mut names);
+        }
+        attributes.extend(arrow_schema::attributes(&key, &value));
+    }
     let file = source.clone();
-    Ok(FoundTable::new(Some(names), ParquetTable { file, leaves, columns, groups }))
+    let table = ParquetTable { file, leaves, columns, groups };
+    Ok(FoundTable { attributes, ..FoundTable::new(Some(names), table) })
+}
+
+/// Gives columns the units of their fields in Arrow's schema, or of the fields that contain these. A list may have one
+/// unit for each element.
+fn set_units(
+    units: &[(String, String)],
+    leaves: &[Leaf],
+    columns: &[(usize, usize)],
+    names: &mut [TableColumn],
+) {
+    for ((leaf, element), column) in columns.iter().zip(names) {
+        let leaf = &leaves[*leaf];
+        let is_of = |path: &str| {
+            leaf.name.strip_prefix(path).is_some_and(|it| it.is_empty() || it.starts_with('.'))
+        };
+        let unit = units.iter().filter(|(path, _)| is_of(path)).max_by_key(|(path, _)| path.len());
+        let each = |unit: &str| -> Option<String> {
+            let parts: Vec<&str> = unit.split([',', ';']).map(str::trim).collect();
+            let is_list = parts.len() == leaf.columns().len();
+            Some(if is_list { parts.get(*element)? } else { unit }.to_owned())
+        };
+        column.unit = unit.and_then(|(_, unit)| each(unit));
+    }
 }
 
 fn footer(file: &mut OpenFile, length: u64) -> Result<Value, TableError> {

@@ -54,6 +54,9 @@ const KEYS: [(Option<&str>, &[&str]); 4] = [
 /// Mutually exclusive options: if the command line has one, none of its group is taken from the file.
 const ALTERNATIVES: [&[&str]; 2] = [&["tare", "tare-time", "no-tare"], &["lowpass", "no-lowpass"]];
 
+/// A list to which the file adds what the command line does not say.
+const MERGED: &str = "unit";
+
 /// The settings of a file, by key: the line, and the option as it would be written on a command line.
 type Settings = BTreeMap<String, (usize, OsString)>;
 
@@ -80,12 +83,23 @@ pub(crate) fn configure(
     let (of_command, given) = innermost(command, &matches);
     let mut lines = BTreeMap::new();
     // Insert before the end of options, if it is marked.
-    let end = arguments.iter().position(|argument| argument == "--").unwrap_or(arguments.len());
+    let mut end = arguments.iter().position(|argument| argument == "--").unwrap_or(arguments.len());
     for (key, _) in options_of_keys(of_command) {
         let Some((line, argument)) = settings.get(key) else { continue };
         let is_given = |key: &&str| {
             option(of_command, key).is_some_and(|option| is_on_command_line(given, option))
         };
+        if key == MERGED && is_given(&key) {
+            // Units of the command line follow, and take precedence.
+            let is_unit = |argument: &OsString| {
+                argument.to_str().is_some_and(|it| it == "--unit" || it.starts_with("--unit="))
+            };
+            let first = arguments.iter().position(is_unit).unwrap_or(end);
+            arguments.insert(first, argument.clone());
+            end += 1;
+            lines.insert(key, *line);
+            continue;
+        }
         let alternatives = ALTERNATIVES.iter().find(|all| all.contains(&key));
         if !alternatives.map_or(is_given(&key), |all| all.iter().any(is_given)) {
             arguments.insert(end, argument.clone());
@@ -112,7 +126,14 @@ impl Configured {
             let values = given.get_raw(option.get_id().as_str()).into_iter().flatten();
             let values: Vec<_> = values.map(|value| value.to_string_lossy()).collect();
             let origin = match (&self.file, self.lines.get(key)) {
-                (Some(path), Some(line)) => format!("`{}`, line {line}", path.display()),
+                (Some(path), Some(line)) => {
+                    let and = if is_on_command_line(given, option) && key == MERGED {
+                        " and the command line"
+                    } else {
+                        ""
+                    };
+                    format!("`{}`, line {line}{and}", path.display())
+                }
                 _ if is_on_command_line(given, option) => "the command line".to_owned(),
                 _ if values.is_empty() => continue,
                 _ => "the default".to_owned(),

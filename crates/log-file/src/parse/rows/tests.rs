@@ -9,7 +9,7 @@ fn plan() -> RowPlan {
     let names = ["time", "group", "talk", "fx"].map(str::to_owned).to_vec();
     let uses =
         vec![ColumnUse::Number(None), ColumnUse::Skip, ColumnUse::Skip, ColumnUse::Number(None)];
-    RowPlan { separator: b',', uses, labels: vec![2, 1], names }
+    RowPlan { separator: b',', uses, labels: vec![2, 1], names, head: None }
 }
 
 fn parse(instructions: Arch, lines: &[u8], skip: bool) -> (Result<(), RowError>, ParsedRows) {
@@ -55,7 +55,7 @@ fn a_frame_without_its_reference_is_left_out_and_counted() {
     let uses = vec![ColumnUse::Skip, ColumnUse::Number(None)];
     let plan = |names: [&str; 2]| {
         let names = names.map(str::to_owned).to_vec();
-        RowPlan { separator: b',', uses: uses.clone(), labels: Vec::new(), names }
+        RowPlan { separator: b',', uses: uses.clone(), labels: Vec::new(), names, head: None }
     };
     for (names, wrong) in
         [(["ref_index", "fx_n"], 7), (["index", "fx_n"], 4), (["ref_index", "s1"], 4)]
@@ -163,7 +163,7 @@ fn readings_that_no_converter_gives_and_loads_that_no_sensor_measures_are_wrong(
         [None, Some(Limit::LOGGED_READING), Some(Limit::LOAD)].map(ColumnUse::Number).to_vec();
     let names = ["t", "s1", "fx"].map(str::to_owned).to_vec();
     let labels = vec![1];
-    let plan = RowPlan { separator: b',', uses, labels, names };
+    let plan = RowPlan { separator: b',', uses, labels, names, head: None };
     let right = "1e63,1063,-1e15\n";
     for position in [0, 1, 40, 300] {
         for wrong in ["1,1e63,0", "1,-65536,0", "1,65535.1,0", "1,0,1e200", "1,0,-1.1e15"] {

@@ -73,7 +73,7 @@ pub(crate) struct MappingArgs {
 
     /// Units of columns, overriding the log: `fx=lbf`, `force=kN,moment=N·mm`, `time=min`
     #[arg(long, value_name = "COLUMN=UNIT", value_parser = parse_units)]
-    pub(crate) unit: Option<UnitList>,
+    pub(crate) unit: Vec<UnitList>,
 
     /// Leave out invalid rows, and report their number: up to a tenth of a log, or `all`
     #[arg(long, value_name = "all", num_args = 0..=1, require_equals = true, default_missing_value = "few",
@@ -98,7 +98,7 @@ impl MappingArgs {
             time_unit: self.time_unit,
             group: self.group.clone(),
             moment_unit: self.moment_unit,
-            units: self.unit.clone().unwrap_or_default(),
+            units: self.unit.concat(),
             rows: self.conditions.clone(),
             excluded_groups: self.exclude_group.clone(),
             ..Mapping::default()
@@ -124,6 +124,7 @@ impl MappingArgs {
         let logs = open_logs(logs, ("--wrench-from", wrenches), &mapping)?;
         logs.iter().filter_map(interleaving).for_each(|said| printer.warning(said));
         logs.iter().filter_map(cut_off).for_each(|said| printer.warning(said));
+        logs.iter().filter_map(replaced_wrench).for_each(|said| printer.warning(said));
         let Some((from, _)) = calibration else { return Ok(logs) };
         for log in &logs {
             let (taken, log, from) = (log.usual_columns(&mapping), log.path(), from.display());
@@ -199,6 +200,13 @@ pub(crate) fn interleaving(log: &Log) -> Option<String> {
 pub(crate) fn cut_off(log: &Log) -> Option<String> {
     let text = || format!("`{}` is cut off: its last piece is left out", log.path().display());
     log.is_cut_off().then(text)
+}
+
+/// A remark on a log whose own wrench is not used.
+pub(crate) fn replaced_wrench(log: &Log) -> Option<String> {
+    let companion = log.companion().filter(|_| log.replaces_wrench())?;
+    let (path, companion) = (log.path().display(), companion.display());
+    Some(format!("`{path}` has a wrench as well; the one of `{companion}` is used"))
 }
 
 /// Opens logs, each with its wrench file if `option` names such files.

@@ -20,7 +20,7 @@ use shellcal::workflow::gates::Gate;
 use shellcal::workflow::hung_loads::HungReference;
 use shellcal::workflow::remark::Remark;
 
-use super::super::mapping::{cut_off, open_logs};
+use super::super::mapping::{cut_off, open_logs, replaced_wrench};
 use super::super::outputs;
 use super::super::plan::read_table;
 use super::super::quality::print_screen;
@@ -38,7 +38,9 @@ impl FitArgs {
             open_logs(&self.train, ("--wrench-from", &self.companions.wrench_from), &mapping)?;
         let wrenches = ("--test-wrench-from", self.test_wrench_from.as_slice());
         let mut test = open_logs(&self.test, wrenches, &mapping)?;
-        train.iter().chain(&test).filter_map(cut_off).for_each(|said| printer.warning(said));
+        let logs = || train.iter().chain(&test);
+        logs().filter_map(cut_off).for_each(|said| printer.warning(said));
+        logs().filter_map(replaced_wrench).for_each(|said| printer.warning(said));
         let loads = self.loads.as_ref().map(read_table).transpose()?;
         match loads {
             None => {

@@ -151,6 +151,7 @@ struct ScannedLog<'a> {
     log: &'a Log,
     summary: LogSummary,
     skipped_rows: u64,
+    repeated_heads: u64,
     outliers: Option<NamedOutliers>,
 }
 
@@ -178,7 +179,8 @@ impl<'a> ScannedLog<'a> {
         // If no fit is possible, rows cannot be judged, and no message is needed.
         let outliers = log.has_wrench().then(|| outliers(log, args).ok()).flatten();
         outliers.iter().for_each(|found| printer.remarks(found.remarks()));
-        Ok(Self { log, summary, skipped_rows: read.skipped_rows, outliers })
+        let (skipped_rows, repeated_heads) = (read.skipped_rows, read.repeated_heads);
+        Ok(Self { log, summary, skipped_rows, repeated_heads, outliers })
     }
 
     fn columns(&self) -> impl Iterator<Item = ColumnInfo<'_>> {
@@ -247,6 +249,12 @@ impl<'a> ScannedLog<'a> {
         });
         lines.push(format!("  rows      {rows}{repeated}"));
         lines.extend(log.notes().into_iter().map(|note| format!("  note      {note}")));
+        if self.repeated_heads > 0 {
+            let heads = self.repeated_heads;
+            lines.push(format!(
+                "  note      names or units are repeated, passed over {heads} times"
+            ));
+        }
         if self.skipped_rows > 0 {
             lines.push(format!("  skipped   {} bad rows", self.skipped_rows));
         }
