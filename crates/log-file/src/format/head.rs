@@ -334,6 +334,8 @@ pub(super) fn with_groups(above: &[String], names: &[String]) -> Option<Vec<Stri
         return None;
     }
     let is_load = |name: &str| matches!(meaning_of(name, LogFormat::Csv).0, Meaning::Load(..));
+    // A line of dashes below the names of a Markdown table has none.
+    let is_word = |name: &str| name.contains(char::is_alphanumeric);
     let mut group = "";
     let of_column = |(at, name): (usize, &String)| {
         group = above.get(at).filter(|name| !name.is_empty()).map_or(group, String::as_str);
@@ -345,7 +347,11 @@ pub(super) fn with_groups(above: &[String], names: &[String]) -> Option<Vec<Stri
             () if is_load(name) && !has_unit && is_load(&format!("{name} {unit}")) => {
                 format!("{name} {unit}").trim_end().to_owned()
             }
-            () if !is_load(name) && !base.is_empty() && is_load(&format!("{base} {name}")) => {
+            () if !is_load(name)
+                && is_word(name)
+                && !base.is_empty()
+                && is_load(&format!("{base} {name}")) =>
+            {
                 format!("{base} {name} {unit}").trim_end().to_owned()
             }
             () => name.clone(),
