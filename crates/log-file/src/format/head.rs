@@ -359,7 +359,9 @@ pub(super) fn with_groups(above: &[String], names: &[String]) -> Option<Vec<Stri
     };
     let grouped: Vec<String> = names.iter().enumerate().map(of_column).collect();
     let loads = |names: &[String]| names.iter().filter(|name| is_load(name)).count();
-    (loads(&grouped) > 0 && grouped != names).then_some(grouped)
+    let is_changed = |(made, name): (&String, &String)| !name.is_empty() && made != name;
+    let is_grouped = grouped.iter().zip(names).any(is_changed);
+    (loads(&grouped) > 0 && is_grouped).then_some(grouped)
 }
 
 /// Returns the first line that resembles most rows: as many fields, and numbers in most of their numeric columns.
