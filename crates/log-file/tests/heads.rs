@@ -666,6 +666,15 @@ fn a_group_of_columns_gives_its_axis_and_unit() {
 }
 
 #[test]
+fn dashes_below_names_are_no_names() {
+    let log = open(&table("| t_s | Fx | | Fy |\n|---|---|---|---|\n", &|at| {
+        format!("| {at}.5 | 1 | 2 | 3 |")
+    }));
+    let names: Vec<&str> = log.columns().iter().map(|column| column.name.as_str()).collect();
+    assert_eq!(names, ["", "t_s", "Fx", "", "Fy", ""]);
+}
+
+#[test]
 fn units_above_the_names_hold_for_all_columns_of_their_kind() {
     let six = |at: usize| format!("{at},1,2,3,4,5");
     for head in [

@@ -334,6 +334,8 @@ pub(super) fn with_groups(above: &[String], names: &[String]) -> Option<Vec<Stri
         return None;
     }
     let is_load = |name: &str| matches!(meaning_of(name, LogFormat::Csv).0, Meaning::Load(..));
+    // A line of dashes below the names of a Markdown table has none.
+    let is_word = |name: &str| name.contains(char::is_alphanumeric);
     let mut group = "";
     let of_column = |(at, name): (usize, &String)| {
         group = above.get(at).filter(|name| !name.is_empty()).map_or(group, String::as_str);
@@ -345,7 +347,11 @@ pub(super) fn with_groups(above: &[String], names: &[String]) -> Option<Vec<Stri
             () if is_load(name) && !has_unit && is_load(&format!("{name} {unit}")) => {
                 format!("{name} {unit}").trim_end().to_owned()
             }
-            () if !is_load(name) && !base.is_empty() && is_load(&format!("{base} {name}")) => {
+            () if !is_load(name)
+                && is_word(name)
+                && !base.is_empty()
+                && is_load(&format!("{base} {name}")) =>
+            {
                 format!("{base} {name} {unit}").trim_end().to_owned()
             }
             () => name.clone(),
@@ -353,7 +359,9 @@ pub(super) fn with_groups(above: &[String], names: &[String]) -> Option<Vec<Stri
     };
     let grouped: Vec<String> = names.iter().enumerate().map(of_column).collect();
     let loads = |names: &[String]| names.iter().filter(|name| is_load(name)).count();
-    (loads(&grouped) > 0 && grouped != names).then_some(grouped)
+    let is_changed = |(made, name): (&String, &String)| !name.is_empty() && made != name;
+    let is_grouped = grouped.iter().zip(names).any(is_changed);
+    (loads(&grouped) > 0 && is_grouped).then_some(grouped)
 }
 
 /// Returns the first line that resembles most rows: as many fields, and numbers in most of their numeric columns.
