@@ -63,7 +63,7 @@ pub enum FitError {
     Folds { folds: usize, groups: usize },
     #[error("the model cannot be fitted without any one of the groups: {0}")]
     Undetermined(Box<FitError>),
-    /// Without some group a coefficient is undetermined, so that the scatter between groups is unknown.
+    /// A coefficient is undetermined without one of the groups, so the scatter between groups is unknown.
     #[error("without {} the model cannot be fitted", names(groups))]
     Alone { groups: Vec<String> },
     #[error("the rows determine none of the models")]
@@ -188,7 +188,7 @@ impl FitError {
         )
     }
 
-    /// Returns true if the error concerns the training rows: name the logs that they are from.
+    /// Returns true if the error concerns the training rows; a message should then name their logs.
     pub fn is_about_rows(&self) -> bool {
         let is_other = matches!(
             self,
