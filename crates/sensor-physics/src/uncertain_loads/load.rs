@@ -1,8 +1,8 @@
-//! Stated loads, and how wrong they may be.
+//! Stated loads, and the errors that they may have.
 
 use shell_data::wrench::{LoadErrors, PerAxis, cross, force_at};
 
-/// Deviations of a load, in stated errors: one of size, two of direction, three of lever.
+/// Number of deviations of a load, in stated errors: one of size, two of direction, three of lever.
 pub(super) const OWN: usize = 6;
 
 pub(super) const SHARED: usize = 3;

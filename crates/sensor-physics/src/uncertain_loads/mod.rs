@@ -125,7 +125,7 @@ struct LoadSearch<'a> {
 }
 
 struct FixedWeights {
-    /// By load and sensor.
+    /// Weights of the readings, by load and sensor.
     readings: Vec<Vec<f64>>,
     /// Weights of the deviations of each load.
     own: Vec<[f64; OWN]>,
