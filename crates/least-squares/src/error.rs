@@ -97,13 +97,13 @@ pub enum ExactError {
     /// A reading is neither a 16-bit integer nor such an integer divided by a power of two or ten.
     #[error("reading `{value}` of channel `s{}` is no 16-bit integer, nor one divided by a power of 2 or 10", channel + 1)]
     NotAnInteger {
-        /// From 0.
+        /// Channel, from 0.
         channel: usize,
         value: f64,
     },
     #[error("readings of channel `s{}` span more than 16 bits", channel + 1)]
     TooWide {
-        /// From 0.
+        /// Channel, from 0.
         channel: usize,
     },
     #[error("`{}` has a value that is not finite", axis.name())]

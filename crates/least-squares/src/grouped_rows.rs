@@ -16,7 +16,7 @@ pub const MAX_GROUPS: usize = 2000;
 #[derive(Clone, Debug, Default)]
 pub struct GroupedRows {
     blocks: Vec<Arc<Block>>,
-    /// In ascending order of groups, and within a group in the order of the data set.
+    /// Runs in ascending order of groups, and within a group in the order of the data set.
     pub runs: Vec<Run>,
 }
 

@@ -16,7 +16,7 @@ pub enum Dependence {
     /// A channel, from 0, that always has the same value.
     Constant {
         channel: usize,
-        /// Counts.
+        /// Value of all readings, in counts.
         value: f64,
     },
     /// `s[second] = ratio·s[first] + offset`, channels counted from 0, offset in counts.

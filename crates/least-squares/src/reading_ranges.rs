@@ -11,7 +11,7 @@ pub struct ReadingRange {
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReadingRanges {
     pub rows: u64,
-    /// `min > max` for zero rows.
+    /// Range of each channel; `min > max` for zero rows.
     pub channels: Vec<ReadingRange>,
 }
 

@@ -156,7 +156,7 @@ impl BinaryPlaces {
     }
 
     /// Limbs of the given width that cover these places; `None` for too many places. Up to two spare places go above,
-    /// for larger loads. The others go below, where the last place of a number near zero is.
+    /// for larger loads. The others go below: the last place of a number near zero is far down.
     pub(crate) fn limbs(self, width: u32) -> Option<Limbs> {
         /// Maximum number of places. More are slower than other solvers, and need more exponents than `f64` has.
         const MOST_PLACES: i32 = 256;

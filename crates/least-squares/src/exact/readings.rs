@@ -74,9 +74,9 @@ pub(crate) fn count(column: &[f64], unit: ReadingUnit, out: &mut [f64]) {
 pub struct ChannelRange {
     /// All readings are integer multiples of this unit.
     pub unit: ReadingUnit,
-    /// In multiples of `unit`.
+    /// Lowest reading, in multiples of `unit`.
     pub lowest: i64,
-    /// In multiples of `unit`; below `lowest` for zero rows.
+    /// Highest reading, in multiples of `unit`; below `lowest` for zero rows.
     pub highest: i64,
 }
 

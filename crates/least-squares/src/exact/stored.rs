@@ -31,7 +31,7 @@ pub struct StoredSums {
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct StoredIntegers {
     pub exponent: i32,
-    /// In decimal.
+    /// Integers in decimal.
     pub values: Vec<String>,
 }
 

@@ -121,7 +121,7 @@ fn largest_singular_value(m: &WideMatrix) -> Result<f64, LeastSquaresError> {
     Ok(values.first().copied().unwrap_or(1.0))
 }
 
-/// Number of parallel sums: as many as fill one vector and hide the latency of an addition.
+/// Number of parallel sums: they fill a vector and hide the latency of additions.
 pub(super) const LANES: usize = 8;
 
 /// A column in double-double. Empty tails mean zeros.

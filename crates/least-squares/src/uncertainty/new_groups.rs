@@ -1,5 +1,5 @@
 //! Intervals of polynomials from held-out groups. The score of a group is the mean of its errors, in standard errors,
-//! and the scatter around that mean, which is assumed normal. Both kinds of errors are those of the fit without the
+//! and the scatter around that mean, which is assumed normal. Errors and standard errors come from the fit without the
 //! group. [`GroupIntervals`] derives intervals from the scores.
 
 use super::group_intervals::{GroupIntervals, GroupScore};
@@ -108,7 +108,7 @@ mod tests {
         sums.finish([worker]).unwrap()
     }
 
-    /// Variances of predictions: that of a row plus the contribution of the coefficients.
+    /// Variances of predictions: the variance of a row plus the contribution of the coefficients.
     fn variances(
         polynomial: &Polynomial,
         covariance: &Covariance,

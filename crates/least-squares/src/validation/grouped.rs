@@ -130,7 +130,7 @@ impl GroupKind {
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct SumsByGroup {
-    /// In the order of their first rows.
+    /// Sums of each group, in the order of first rows.
     pub groups: Vec<(String, ExactSums)>,
     /// Number of groups: more than the length of `groups` if sets of groups were summed.
     pub group_count: usize,

@@ -54,7 +54,7 @@ pub struct CandidateErrors {
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Selection {
     pub folds: usize,
-    /// By ascending size, then ascending ridge.
+    /// Candidates by ascending size, then ascending ridge.
     pub candidates: Vec<Candidate>,
     /// Position of the candidate with the smallest error.
     pub best: usize,
