@@ -23,7 +23,7 @@ use super::recording::Clean;
 
 /// The smallest bin width, s: below the duration of a tap.
 const BIN_S: f64 = 0.02;
-/// With more rivals than this, the load is periodic.
+/// Maximum number of rivals. With more, the load is periodic.
 const MOST_RIVALS: usize = 4;
 /// Changes are clipped to this many standard deviations, so that a damaged frame does not decide.
 const CLIP: f64 = 6.0;

@@ -87,7 +87,7 @@ impl Warp {
 pub(super) struct WarpEstimate {
     pub(super) warp: Warp,
     pub(super) covariance: [[f64; 2]; 2],
-    /// Without the results of the search; times since the start of the board's recording.
+    /// Quality without the results of the search. Times are since the start of the board's recording.
     pub(super) quality: Quality,
 }
 

@@ -48,7 +48,7 @@ pub(super) struct ResidualSums {
     pub(super) rows: usize,
     /// Jᵀ W e, summed in bins of time.
     scores: Vec<[f64; 2]>,
-    /// Per channel: Σ e², Σ y, Σ y² of straight readings y.
+    /// Sums for each channel: Σ e², Σ y, Σ y² of straight readings y.
     squares: Vec<[f64; 3]>,
     /// dᵀ W m and dᵀ W d, with slopes d and delayed parts m.
     late: [f64; 2],
@@ -73,7 +73,7 @@ impl ResidualSums {
         Self { start_s, end_s, squares, before, slope_before, late_part, ..Self::default() }
     }
 
-    /// Adds a row; `of_load` are the features without those that do not depend on the load.
+    /// Adds a row. `of_load` holds the features that depend on the load.
     pub(super) fn add(&mut self, row: &MatchedRow<'_>, of_load: &[f64], at: &Solution<'_>) {
         self.rows += 1;
         self.late_features.resize(of_load.len(), 0.0);
