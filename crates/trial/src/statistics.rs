@@ -64,9 +64,9 @@ pub struct Statistics {
     pub whisker_low: f64,
     /// The largest value within 1.5 interquartile ranges above the third quartile.
     pub whisker_high: f64,
-    /// Ascending.
+    /// Outliers in ascending order.
     pub outliers: Vec<f64>,
-    /// Ascending.
+    /// Values in ascending order.
     #[serde(skip)]
     pub values: Vec<f64>,
 }

@@ -15,7 +15,7 @@ pub struct ValueTable {
     pub quantities: Vec<String>,
     /// Number of empty cells in the column of each quantity. They are missing values.
     pub empty: Vec<usize>,
-    /// In order of first occurrence, with one sample per quantity.
+    /// Conditions in order of first occurrence, with one sample per quantity.
     pub conditions: Vec<(String, Vec<ValueSample>)>,
 }
 
