@@ -26,7 +26,7 @@ const WIDTHS: [f64; 3] = [0.25, 0.5, 1.0];
 
 pub(super) const USUAL: (f64, f64) = (LAMBDAS[2], WIDTHS[1]);
 
-/// Up to this many groups are held out one by one; more are assigned to [`FOLDS`] folds.
+/// Maximum number of groups that are held out one by one; more are assigned to [`FOLDS`] folds.
 const MOST_ALONE: usize = 40;
 const FOLDS: usize = 10;
 

@@ -29,7 +29,7 @@ pub struct PhysicsModel {
 
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Sensor {
-    /// From 0.
+    /// Channel of the frame, from 0.
     pub channel: usize,
     /// Least reading in the training data, counts.
     pub least: f64,

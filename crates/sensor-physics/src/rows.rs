@@ -17,7 +17,7 @@ use least_squares::grouped_rows::{GroupedRows, Run, count, every_nth};
 use shell_data::dataset::Dataset;
 use shell_data::wrench::PerAxis;
 
-/// Most rows that are converted at a time, because the results take memory.
+/// Maximum number of rows that are converted at a time, because the results take memory.
 const ROWS_AT_ONCE: usize = 4096;
 
 #[derive(Clone, Debug, Default)]

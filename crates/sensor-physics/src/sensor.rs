@@ -136,16 +136,16 @@ impl Data<'_> {
 /// of [`MOST_LANES`].
 #[derive(Clone, Debug)]
 pub(super) struct Data<'a> {
-    /// In units of the model's scales.
+    /// Wrench in units of the model's scales.
     pub(super) wrench: &'a PerAxis<Vec<f64>>,
-    /// In ranges of the channel, above its least reading.
+    /// Readings in ranges of the channel, above its least reading.
     pub(super) readings: &'a [f64],
     pub(super) rows: usize,
     pub(super) weights: Vec<f64>,
 }
 
-/// A sum of squares, its curvature and its descent, for weighted residuals `r = y − f` with gradients `g = df/dp`.
-/// Those of a prior are added.
+/// A sum of squares, its curvature and its descent, for weighted residuals `r = y − f` with gradients `g = df/dp`. The
+/// terms of a prior are added.
 pub(super) struct Cost {
     /// `Σ weight·r²`.
     pub(super) value: f64,

@@ -13,7 +13,7 @@ pub enum StatedLoad {
     Force {
         force_n: f64,
         direction: [f64; 3],
-        /// From the sensor's origin, m.
+        /// Point of action, from the sensor's origin, m.
         point_m: [f64; 3],
         errors: LoadErrors,
         /// `None` if no lever offset is fitted.

@@ -60,7 +60,7 @@ pub struct CorrectedLoad {
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct CorrectedLoads {
-    /// In the order of the observations.
+    /// Corrected loads, in the order of the observations.
     pub loads: Vec<CorrectedLoad>,
     /// Lever offset of each mounting, m.
     pub mountings: Vec<[f64; 3]>,
