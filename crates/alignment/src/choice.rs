@@ -1,27 +1,27 @@
-//! Selection of the kinds of memory, and the dependence of the offset on it.
+//! Selection of the kinds of memory in the model, and the uncertainty of the offset due to this choice.
 //!
-//! All sums of families of features ([`Family`]) are compared on one Gram matrix, at the solution of the largest
-//! model. With n rows, C channels, p features used and the residual covariance Σ̂, the lowest `BIC = n log det Σ̂ + p
-//! C log n` (Schwarz, Ann. Statist. 6, 461, 1978) is chosen.
+//! All combinations of families of features ([`Family`]) are compared on one Gram matrix, at the solution of the
+//! largest model. The combination with the lowest `BIC = n log det Σ̂ + p C log n` (Schwarz, Ann. Statist. 6, 461,
+//! 1978) is chosen, with n rows, C channels, p features in use and the residual covariance Σ̂.
 //!
 //! Other models are equally plausible if their residuals are not much larger. Each gives another offset, one
 //! Gauss-Newton step away. Noise alone makes nested models differ by `Var(ô₁ − ô₂) = |Var ô₁ − Var ô₂|` (Hausman,
 //! Econometrica 46, 1251, 1978). Further scatter of the offsets is an error that no residual shows.
 //!
 //! Friction that depends on the speed ([`Family::QuickLags`]) delays all readings by about the same time, nearly like
-//! an offset. It is never chosen: the change of the offset with it, times [`SPEED`], is an uncertainty if the
-//! criterion prefers it.
+//! an offset. This family is never chosen. If the criterion prefers it, the change of the offset with it, times
+//! [`SPEED`], is an uncertainty.
 
 use super::normal::{GramSums, Projected, inverse};
 use super::response::Family;
 
-/// Largest factor, in the geometric mean of the channels, by which residuals of a plausible model are larger.
+/// Largest factor (geometric mean over channels) by which residuals of a plausible model exceed those of the chosen.
 const PLAUSIBLE: f64 = 1.3;
 
 /// Error due to speed-dependent friction, relative to the shift by quick lags, by simulation (`docs/alignment.md`).
 const SPEED: f64 = 3.0;
 
-/// Differences within this number of standard deviations of the noise are put down to it.
+/// Number of standard deviations of the noise up to which a difference counts as noise.
 const CHANCE: f64 = 2.0;
 
 struct FamilyChoice {
@@ -109,7 +109,7 @@ mod tests {
 
     const FAMILIES: [Option<Family>; 3] = [None, Some(Family::AxisPlays), Some(Family::Lags)];
 
-    /// One channel that follows feature 0, also the slope, late by a share of memory 1; memory 2 is unused.
+    /// One channel that follows feature 0, which is also the slope, delayed by a share of memory 1. Memory 2 is unused.
     fn gram(share: f64, noise: f64) -> GramSums {
         let mut gram = GramSums::new(3, 1);
         let mut random = Random(3);

@@ -1,18 +1,17 @@
 //! Coarse match of two recordings: all offsets at once, for any map from wrench to readings.
 //!
 //! Both sides are averaged into bins, differenced (which removes drift and poses) and whitened, so
-//! that the columns x of the wrench and y of the readings have unit covariance. At an offset of l
-//! bins, a linear map of the wrench explains this share of the readings' changes, with the energies
-//! E in the overlap:
+//! that the columns x of the wrench and y of the readings have unit covariance. At an offset of l bins, a linear map of
+//! the wrench explains this share of the readings' changes, with d_x columns x and the energies E in the overlap:
 //!
 //! ```text
 //! R²(l) = Σ_ij c_ij(l)² / (E_x(l)/d_x · E_y(l))      c_ij(l) = Σ_k x_i[k + l] y_j[k]
 //! ```
 //!
-//! It is the mean square of the canonical correlations, but with whitening over the whole
-//! recordings. The *score* weights R² with the share of the readings' energy in the overlap, so
-//! that a short overlap cannot win by chance. A match is accepted if its R² is large. Other peaks
-//! with nearly the best score are *rivals*, which the refinement has to rule out.
+//! R² is the mean square of the canonical correlations, but with whitening over the whole recordings. The *score*
+//! weights R² with the share of the readings' energy in the overlap, so that a short overlap cannot win by chance. A
+//! match is accepted if its R² is large. Other peaks with nearly the best score are *rivals*, which the refinement has
+//! to rule out.
 
 use faer::{Mat, Side as Triangle};
 use rustfft::algorithm::Radix4;
@@ -24,7 +23,7 @@ use super::recording::Clean;
 
 /// The smallest bin width, s: below the duration of a tap.
 const BIN_S: f64 = 0.02;
-/// With more rivals than this, the load is periodic.
+/// Maximum number of rivals. With more, the load is periodic.
 const MOST_RIVALS: usize = 4;
 /// Changes are clipped to this many standard deviations, so that a damaged frame does not decide.
 const CLIP: f64 = 6.0;

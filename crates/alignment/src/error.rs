@@ -38,7 +38,7 @@ pub enum AlignError {
     TooShort { side: RecordingSide, rows: usize, span_s: f64 },
     #[error("{0}: no column changes")]
     Constant(RecordingSide),
-    /// No offset agrees; the field is the explained share of the readings' changes at the best one.
+    /// No offset agrees. The field is the share of the readings' changes that the best offset explains.
     #[error(
         "no common load found: at the best offset the reference explains {:.0} % of the readings, needed are \
          {:.0} %",
@@ -54,7 +54,7 @@ pub enum AlignError {
     Ambiguous { best_s: f64, second_s: f64, ratio: f64 },
     #[error("the recordings overlap for {0:.3} s, where {LEAST_OVERLAP_S} s are needed")]
     ShortOverlap(f64),
-    /// Last step of the offset, s, which left the neighbourhood of the match.
+    /// Last step of the offset, s. The steps left the neighbourhood of the match, or did not become small.
     #[error("the refinement of the match does not settle (last step {0:.6} s)")]
     NotConverged(f64),
     #[error(

@@ -1,5 +1,5 @@
-//! Inner products on the widest registers of the processor. Sums use eight lanes whatever the
-//! registers, so results have the same bits on every machine.
+//! Inner products on the widest registers of the processor. Sums use eight lanes for registers of any width, so results
+//! have the same bits on every machine.
 
 use shell_data::vectorised;
 

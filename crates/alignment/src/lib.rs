@@ -41,7 +41,7 @@ use trajectory::Trajectory;
 
 /// Upper limit of the matched band: loads by hand and taps are slower, and a low rate saves rows.
 const HIGHEST_MATCHED_RATE_HZ: f64 = 250.0;
-/// Block of time for the first search: enough contacts, and 200 ppm of skew blur it by less than a tap.
+/// Length of a block for the first search, s: enough contacts, and 200 ppm of skew blur it by less than a tap.
 const PROBE_S: f64 = 120.0;
 /// The maximum number of blocks of time tried.
 const PROBES: usize = 8;
@@ -96,7 +96,7 @@ pub struct Quality {
     pub explained: f64,
     /// RMS of the unexplained part in each changing channel, around its usual reading.
     pub residual_counts: Vec<f64>,
-    /// Number of the board's rows (averaged down to 250 Hz) compared.
+    /// Number of the board's rows (averaged down to 250 Hz) that were compared.
     pub rows: usize,
     pub search_explained: f64,
     pub search_ratio: f64,
@@ -133,8 +133,8 @@ pub struct Aligned {
 /// Aligns `reference` (six axes, or fewer) with `board` (readings of any number of channels).
 ///
 /// Neither sampling needs to be even; rows may be missing, repeated or out of range. Delays of the board become part
-/// of the offset, which pairs each row with the load that caused it. With edges, the loads only decide if the gaps do
-/// not, and otherwise need not match.
+/// of the offset, which pairs each row with the load that caused it. With edges, the loads decide only if the gaps
+/// between edges do not; otherwise the loads need not match.
 ///
 /// # Errors
 /// [`AlignError`] if a recording is too short or does not change, or the match or the edges are unclear.

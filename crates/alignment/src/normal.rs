@@ -9,7 +9,7 @@ use super::optics::{Bend, POWERS};
 /// Least pivot, as a fraction of its diagonal, of a feature that earlier features do not explain.
 const TOLERANCE: f64 = 1e-9;
 
-/// Regularisation of the bends, as a share of the powers' squares: zero for undetermined bends.
+/// Regularisation of the bends, as a share of the squares of the powers. It makes undetermined bends zero.
 const HELD: f64 = 1e-9;
 
 /// Gram matrix of the columns [X | D | tD | Y | P]: features X, slopes D by the offset, time t from
@@ -64,7 +64,7 @@ impl Projected {
         }
         let kept: Vec<usize> = (0..features).filter(|&k| keep(k)).collect();
         let columns: Vec<usize> = kept.iter().copied().chain(features..gram.ncols()).collect();
-        // Cholesky by rows of the upper triangle: `work` ends as [R | R⁻ᵀ XᵀZ] above that block.
+        // Cholesky by rows of the upper triangle: `work` ends as [R | R⁻ᵀ XᵀZ] above the remaining block.
         let row = |&i: &usize| columns.iter().map(|&j| gram[(i.min(j), i.max(j))]).collect();
         let mut work: Vec<Vec<f64>> = columns.iter().map(row).collect();
         let mut used = Vec::with_capacity(kept.len());

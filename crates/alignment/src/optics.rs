@@ -1,7 +1,7 @@
 //! Straightened readings: the inverse of each channel's optics, approximated by a polynomial.
 //!
-//! A channel responds monotonically to one displacement, linear in the load and in the memory of
-//! the springs, so the reading is bent back:
+//! A channel responds monotonically to one displacement, which is linear in the load and in the memory of the springs.
+//! The reading is therefore bent back:
 //!
 //! ```text
 //! z = y + r Σₖ βₖ xᵏ      x = (y − ȳ) / r      k = 2, 3, 4

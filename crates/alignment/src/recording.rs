@@ -15,9 +15,9 @@ pub struct Recording {
 pub struct LeftOut {
     pub not_finite: usize,
     pub not_later: usize,
-    /// All columns equal to the previous row: the sensor had no new value.
+    /// Rows with the same values as the previous row: the sensor had no new value.
     pub repeated: usize,
-    /// At an end of the range: kept, but not matched.
+    /// Rows at an end of the range: kept, but not matched.
     pub saturated: usize,
 }
 
@@ -25,11 +25,11 @@ pub struct LeftOut {
 const LONGEST_REPEAT_S: f64 = 0.02;
 /// A change by this number of its smallest steps means that a column moves.
 const MOVE: f64 = 3.0;
-/// The minimum smallest step, as a fraction of the range, for columns without a fixed resolution.
+/// Lower limit of the smallest step, as a fraction of the range, for columns without a fixed resolution.
 const LEAST_STEP: f64 = 1e-4;
 /// This number of consecutive equal values at the extreme of a column marks the end of the range.
 const SATURATED_RUN: usize = 5;
-/// Rows out of order up to this share are transmission errors.
+/// Largest share of rows out of order that counts as transmission errors.
 const OUT_OF_ORDER: f64 = 0.01;
 
 #[derive(Clone, Debug)]
@@ -103,7 +103,7 @@ impl BoardFrames {
             board.columns.iter().filter(|c| c.iter().any(|&x| x != c[0])).collect();
         let mut frames =
             Self { time_s: vec![], readings: vec![], channels: moving.len(), ranges: vec![] };
-        // With a small margin, so that rounding does not pair rows at exactly that rate.
+        // Rows at about the rate of the band are not averaged, because rounding would pair some of them.
         let cell_s = if rate_hz * board.period_s > 0.75 { 0.0 } else { 1.0 / rate_hz };
         let rows: Vec<usize> = (0..board.time_s.len()).filter(|&row| board.in_range[row]).collect();
         let cell = |row: usize| match cell_s > 0.0 {

@@ -22,8 +22,8 @@
 //! increased by the model errors in [`choice`](super::choice) and
 //! [`uncertainty`](super::uncertainty).
 //!
-//! Three rounds follow: with memories on the axes, for the directions that channels sense; with all
-//! kinds of memory; and with those that the readings need.
+//! Three rounds follow. The first has memories on the axes, and finds the directions that channels sense. The second
+//! has all kinds of memory, and the third has those that the readings need.
 
 use faer::{Mat, MatRef};
 
@@ -42,17 +42,17 @@ const BLOCK: usize = 256;
 const STEPS: usize = 40;
 /// Number of features that do not depend on the load: a constant and a drift.
 const CONSTANTS: usize = 2;
-/// First steps that also estimate the memory's share in the products, fixed for later steps.
+/// Number of first steps that also estimate the share of the memory in the products. Later steps keep it.
 const MEMORY_STEPS: usize = 4;
 /// Steps are small below this share of the standard error for white residuals.
 const SMALL: f64 = 0.01;
 /// Models are compared once steps are this small.
 const ROUGH: f64 = 0.1;
-/// Full steps; later ones are halved, since bends and outlier weights may oscillate with them.
+/// Number of full steps. Later ones are halved, because bends and outlier weights may oscillate with them.
 const FULL_STEPS: usize = 8;
 /// The minimum number of rows per feature for a trial of all kinds of memory.
 const ROWS_PER_FEATURE: usize = 4;
-/// The minimum slope by which readings are straightened for the figure.
+/// Lower limit of the slope that converts residuals of straightened readings to raw ones for the figure.
 const LEAST_GAIN: f64 = 0.1;
 /// A row with a larger residual (squared, per channel) is downweighted (Huber).
 const OUTLIER: f64 = 4.0;
@@ -87,7 +87,7 @@ impl Warp {
 pub(super) struct WarpEstimate {
     pub(super) warp: Warp,
     pub(super) covariance: [[f64; 2]; 2],
-    /// Without the results of the search; times since the start of the board's recording.
+    /// Quality without the results of the search. Times are since the start of the board's recording.
     pub(super) quality: Quality,
 }
 
@@ -116,7 +116,7 @@ impl KnownSensor {
         }
     }
 
-    /// Adds plays beyond those on the axes, whose share is not yet known.
+    /// Adds plays beyond those on the axes. Their share is not yet known.
     fn with_channels(mut self, trajectory: &Trajectory) -> Self {
         let linear = linear(&self.map);
         self.model = self.model.with_channels(linear, |direction| trajectory.reach(direction));
@@ -180,7 +180,7 @@ pub(super) fn refine(
         if let Some(chosen) = Candidates::new(&settled.gram, &families, frames.channels).best() {
             current.keep.clone_from(chosen);
             settled = problem.settle(&mut warp, &mut current, None, (0, SMALL))?;
-            // Once more, with the slopes of the chosen model.
+            // Compare once more, with the slopes of the chosen model.
             let candidates = Candidates::new(&settled.gram, &families, frames.channels);
             spread = candidates.spread_about(&current.keep);
         }

@@ -4,9 +4,9 @@
 //! w(t) = Σ h(t − t_k) v_k x_k / Σ h(t − t_k) v_k      v_k = (t_{k+1} − t_{k−1}) / 2
 //! ```
 //!
-//! This is the convolution with the kernel h by the trapezoidal rule over the actual sample times,
-//! without a value if the kernel would reach over a gap, rows out of range, or an end. The kernel
-//! is a sinc under a Kaiser window, optionally averaged over an exposure:
+//! This is the convolution with the kernel h by the trapezoidal rule over the actual sample times. There is no value if
+//! the kernel would reach over a gap, rows out of range, or an end. The kernel is a sinc under a Kaiser window,
+//! optionally averaged over an exposure:
 //!
 //! ```text
 //! h(x) = 2 f_c sinc(2 f_c x) · I₀(β √(1 − (x/L)²)) / I₀(β)      |x| ≤ L
@@ -27,9 +27,9 @@ const HALF_TRANSITION: f64 = 0.1;
 /// Table entries per unit of 1/(2 f_c): linear interpolation errs by (π/512)²/8 = 5e-6, −106 dB.
 const PER_LOBE: f64 = 512.0;
 
-/// A gap is bridged up to this number of sampling periods …
+/// Longest gap that is bridged, in sampling periods …
 const GAP_PERIODS: f64 = 2.5;
-/// … or this fraction of a period at the cut-off, whichever is longer.
+/// … or as a fraction of the output period, whichever is longer.
 const GAP_OF_OUTPUT_PERIOD: f64 = 0.5;
 
 #[derive(Debug)]
@@ -43,7 +43,7 @@ pub(super) struct Resampler<'a> {
 }
 
 impl<'a> Resampler<'a> {
-    /// For outputs at `rate_hz`, averaged over an exposure, with faster loads attenuated.
+    /// Resampler for outputs at `rate_hz`, averaged over an exposure. Faster loads are attenuated.
     pub(super) fn new(source: &'a Clean, rate_hz: f64, exposure_s: f64, stopband_db: f64) -> Self {
         let time = &source.time_s;
         let gap_s = (GAP_PERIODS * source.period_s).max(GAP_OF_OUTPUT_PERIOD / rate_hz);
@@ -68,7 +68,7 @@ impl<'a> Resampler<'a> {
         Self { source, kernel, spacing_s, gap_free, weights: Vec::new() }
     }
 
-    /// The columns at `time_s` since the reference's start; returns false if there is no value.
+    /// Computes the columns at `time_s` since the reference's start; returns false if there is no value.
     pub(super) fn at(&mut self, time_s: f64, values: &mut [f64]) -> bool {
         let time = &self.source.time_s;
         let reach_s = self.kernel.half_width_s;

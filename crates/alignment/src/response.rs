@@ -1,4 +1,4 @@
-//! Features of a wrench, mapped linearly to the straightened readings of sensors on springs.
+//! Features of a wrench, which map linearly to the straightened readings of sensors on springs.
 //!
 //! Springs respond late: they creep, and friction makes the response depend on the history of the
 //! load. Both shift readings by milliseconds in one direction, whatever the clocks do, and bias an
@@ -67,8 +67,8 @@ impl MemoryModel {
         Self { directions: vec![0.0; channels * axes], ..Self::on_axes(axes) }.features()
     }
 
-    /// Learns shares from the map (features × channels): a play's coefficients projected on the
-    /// total ones of its axis.
+    /// Learns shares from the map (features × channels): the coefficients of a play or lag, projected on the total
+    /// coefficients of its axis.
     pub(super) fn learn_shares(&mut self, map: MatRef<'_, f64>) {
         let row = |i: usize| (0..map.ncols()).map(move |c| map[(i, c)]);
         self.shares.clear();
@@ -202,7 +202,7 @@ impl MemoryResponse {
         memories.copy_from_slice(&self.on_axes);
         let mut products = products.iter_mut();
         for (i, a) in self.effective.iter().enumerate() {
-            // In this order: the iterator would lose a product that has no factor left.
+            // The product comes second: `zip` would lose a product for which no factor is left.
             for (b, product) in self.effective[i..].iter().zip(products.by_ref()) {
                 *product = a * b;
             }

@@ -88,7 +88,7 @@ pub(super) struct FeatureWindow<'a> {
 }
 
 impl FeatureWindow<'_> {
-    /// Features and slopes (1/s) at ascending `time_s`, by cubic interpolation; false without a
+    /// Computes features and slopes (1/s) at ascending `time_s`, by cubic interpolation; returns false if there is no
     /// value.
     pub(super) fn at(&mut self, time_s: f64, values: &mut [f64], slopes: &mut [f64]) -> bool {
         let position = time_s / self.trajectory.step_s;

@@ -9,17 +9,16 @@ use super::response::MemoryModel;
 /// Residuals correlated for longer than this are drift, which the model includes, s.
 const CORRELATED_S: f64 = 0.5;
 const SCORE_BIN_S: f64 = 0.01;
-/// Share of the model error, which residuals similar from row to row show, assumed to lie along the
-/// slopes, where the offset absorbs it. Found with sensors of six kinds of hysteresis
-/// (`docs/alignment.md`).
+/// Share of the model error that is assumed to lie along the slopes, where the offset absorbs it. Residuals that are
+/// similar from row to row show the model error. Found with sensors of six kinds of hysteresis (`docs/alignment.md`).
 const HIDDEN_SHARE: f64 = 0.025;
-/// Uncertain share of the memory's delay, as no model has the right widths, times and directions
-/// (found in the same way).
+/// Uncertain share of the memory's delay, because no model has the right widths, times and directions (found in the
+/// same way).
 const UNKNOWN_DELAY: f64 = 0.012;
-/// Uncertain share of the frames' period, as frames do not show when a load jumps between them
-/// (found in the same way).
+/// Uncertain share of the frames' period, because frames do not show when a load jumps between them (found in the same
+/// way).
 const UNKNOWN_JUMP: f64 = 0.4;
-/// Standard deviations of noise in products of successive residuals that are subtracted.
+/// Number of standard deviations of the noise to subtract from the sum of products of successive residuals.
 const CHANCE: f64 = 2.0;
 
 pub(super) struct MatchedRow<'a> {
@@ -49,7 +48,7 @@ pub(super) struct ResidualSums {
     pub(super) rows: usize,
     /// Jᵀ W e, summed in bins of time.
     scores: Vec<[f64; 2]>,
-    /// Per channel: Σ e², Σ y, Σ y² of straight readings y.
+    /// Sums for each channel: Σ e², Σ y, Σ y² of straight readings y.
     squares: Vec<[f64; 3]>,
     /// dᵀ W m and dᵀ W d, with slopes d and delayed parts m.
     late: [f64; 2],
@@ -74,7 +73,7 @@ impl ResidualSums {
         Self { start_s, end_s, squares, before, slope_before, late_part, ..Self::default() }
     }
 
-    /// Adds a row; `of_load` are the features without those that do not depend on the load.
+    /// Adds a row. `of_load` holds the features that depend on the load.
     pub(super) fn add(&mut self, row: &MatchedRow<'_>, of_load: &[f64], at: &Solution<'_>) {
         self.rows += 1;
         self.late_features.resize(of_load.len(), 0.0);
@@ -116,9 +115,9 @@ impl ResidualSums {
         }
     }
 
-    /// Covariance of offset (s) and skew. `white` is H⁻¹, `spread` the variances over the plausible
-    /// models. The common part of successive residuals sums to eᵀWe′; a share `HIDDEN_SHARE` of it
-    /// along the slopes has the squared error `HIDDEN_SHARE² eᵀWe′ H⁻¹`.
+    /// Covariance of offset (s) and skew. `white` is H⁻¹, and `spread` has the variances over the plausible models. The
+    /// common part of successive residuals sums to eᵀWe′. If a share `HIDDEN_SHARE` of it lies along the slopes, the
+    /// squared error is `HIDDEN_SHARE² eᵀWe′ H⁻¹`.
     pub(super) fn covariance(&self, white: [[f64; 2]; 2], spread: [f64; 2]) -> [[f64; 2]; 2] {
         let longest = (CORRELATED_S / SCORE_BIN_S) as usize;
         let mut covariance = sandwich(white, long_run_covariance(&self.scores, longest));

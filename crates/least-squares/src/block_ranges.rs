@@ -40,7 +40,7 @@ impl ReadingRanges {
     }
 }
 
-/// Number of partial minima and maxima, so that the loop vectorises.
+/// Number of partial minima and maxima. They are independent of each other, so the loop vectorises.
 const LANES: usize = 16;
 
 vectorised! {

@@ -1,9 +1,8 @@
-//! Unevaluated sums of a head and a tail: about 31 decimal digits, the exponent range of `f64`.
+//! Numbers as unevaluated sums of a head and a tail: about 31 decimal digits, the exponent range of `f64`.
 //!
-//! The error-free transformations are by Knuth (TAOCP 2, §4.2.2) and Dekker (Numer. Math. 18,
-//! 1971), the operations the accurate ones of Joldes, Muller and Popescu (ACM TOMS 44, 2017), with
-//! a relative error below 2⁻¹⁰² for sums and 2⁻¹⁰⁰ for products and quotients. Products use
-//! `f64::mul_add`, which is exact on every machine.
+//! The error-free transformations are those of Knuth (TAOCP 2, §4.2.2) and Dekker (Numer. Math. 18, 1971). The
+//! operations are the accurate ones of Joldes, Muller and Popescu (ACM TOMS 44, 2017), with a relative error below
+//! 2⁻¹⁰² for sums and 2⁻¹⁰⁰ for products and quotients. Products use `f64::mul_add`, which is exact on every machine.
 
 use std::iter::Sum;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
@@ -53,7 +52,7 @@ impl DoubleDouble {
         Self { head, tail }
     }
 
-    /// Builds a number from what [`Self::to_f64`] and [`Self::tail`] return.
+    /// Builds a number from its head, [`Self::to_f64`], and its tail, [`Self::tail`].
     #[inline(always)]
     pub const fn from_parts(head: f64, tail: f64) -> Self {
         Self { head, tail }

@@ -63,7 +63,7 @@ pub enum FitError {
     Folds { folds: usize, groups: usize },
     #[error("the model cannot be fitted without any one of the groups: {0}")]
     Undetermined(Box<FitError>),
-    /// Without some group a coefficient is undetermined, so that the scatter between groups is unknown.
+    /// A coefficient is undetermined without one of the groups, so the scatter between groups is unknown.
     #[error("without {} the model cannot be fitted", names(groups))]
     Alone { groups: Vec<String> },
     #[error("the rows determine none of the models")]
@@ -97,13 +97,13 @@ pub enum ExactError {
     /// A reading is neither a 16-bit integer nor such an integer divided by a power of two or ten.
     #[error("reading `{value}` of channel `s{}` is no 16-bit integer, nor one divided by a power of 2 or 10", channel + 1)]
     NotAnInteger {
-        /// From 0.
+        /// Channel, from 0.
         channel: usize,
         value: f64,
     },
     #[error("readings of channel `s{}` span more than 16 bits", channel + 1)]
     TooWide {
-        /// From 0.
+        /// Channel, from 0.
         channel: usize,
     },
     #[error("`{}` has a value that is not finite", axis.name())]
@@ -188,7 +188,7 @@ impl FitError {
         )
     }
 
-    /// Returns true if the error concerns the training rows: name the logs that they are from.
+    /// Returns true if the error concerns the training rows; a message should then name their logs.
     pub fn is_about_rows(&self) -> bool {
         let is_other = matches!(
             self,

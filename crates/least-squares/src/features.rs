@@ -39,7 +39,7 @@ impl Features {
         Self { model, scaling, recipe }
     }
 
-    /// Includes the intercept.
+    /// Number of features, including the intercept.
     pub fn len(&self) -> usize {
         self.recipe.len()
     }
@@ -81,7 +81,7 @@ impl Features {
         }
     }
 
-    /// Centre of a channel and reciprocal of its scale, which is exact for a power of two.
+    /// Centre of a channel and reciprocal of its scale. For a power of two, the reciprocal is exact.
     #[inline(always)]
     pub fn standardise(&self, channel: usize) -> (f64, f64) {
         (self.scaling.centre[channel], self.scaling.scale[channel].recip())

@@ -1,13 +1,13 @@
-//! Groups of rows relative to a fit of all: the [scatter](crate::sandwich) of coefficients, and fits without some.
+//! Groups of rows relative to a fit of all rows: [scatter](crate::sandwich) of coefficients, and fits without groups.
 //!
-//! With the `F` of the fit, `F·Fᵀ = (XᵀX + Λ)⁻¹`, columns of `M = X·F` are orthonormal, but for a ridge. A group has
+//! The fit has the factor `F`, `F·Fᵀ = (XᵀX + Λ)⁻¹`. Without a ridge, `M = X·F` has orthonormal columns. A group has
 //!
 //! ```text
 //! M_g = X_g·F    E_g = W_g − X_g·C    K_g = M_gᵀM_g    u_g = M_gᵀE_g
 //! ```
 //!
-//! and the fit without it, with the same penalties Λ, is `C − F·(I − K_g)⁻¹·u_g`, without another pass over the rows.
-//! For any features, errors of these equations grow with κ(X), as those of `M`, and not with its square.
+//! and the coefficients without it, with the same penalties Λ, are `C − F·(I − K_g)⁻¹·u_g`. No other pass over the rows
+//! is needed. For any features, errors of these equations grow with κ(X), like those of `M`, not with its square.
 
 use std::ops::Range;
 
@@ -91,7 +91,7 @@ impl<'a> FittedGroups<'a> {
     }
 
     /// # Errors
-    /// [`FitError::NearlyDependent`] if features of the solution were not kept.
+    /// [`FitError::NearlyDependent`] if the R factors lack features of the solution.
     pub fn from_factors(
         rows: &FactoredGroups,
         solution: &'a Solution,
@@ -152,7 +152,7 @@ impl<'a> FittedGroups<'a> {
         share.variance(scatter, *rows)
     }
 
-    /// Mean and scatter of a group's errors, in standard errors, from the fit to all others; `None` if undetermined.
+    /// Mean and scatter of a group's errors, in standard errors of the fit to all others; `None` without such a fit.
     pub(crate) fn score_without(&self, held_out: usize) -> Option<GroupScore> {
         let group = &self.groups[held_out];
         let without = self.without(held_out..held_out + 1, group.share.gram())?;
@@ -172,8 +172,8 @@ impl<'a> FittedGroups<'a> {
         Some(score_of(&errors, &variance, &scatter, self.solution.rows - group.rows))
     }
 
-    /// [`score_without`](Self::score_without) for groups of a file, from the fit without it, in standard errors of
-    /// the fit to all rows.
+    /// Scores of the groups of each file, like [`score_without`](Self::score_without), but from the fit without the
+    /// file and in standard errors of the fit to all rows.
     pub(crate) fn scores_of_files(
         &self,
         files: &[Range<usize>],
@@ -265,7 +265,7 @@ impl FittedGroup {
         self.add(x, errors, &vec![1.0; rows], solution);
     }
 
-    /// Adds rows with the features `x` and the `errors`, or an orthogonal transformation of both and of ones.
+    /// Adds rows with features `x`, `errors` and a column `ones`, or an orthogonal transformation of all three.
     fn add(&mut self, x: MatRef<'_, f64>, errors: Mat<f64>, ones: &[f64], solution: &Solution) {
         use BlockStructure::{Rectangular, TriangularUpper};
         let mut features = Mat::zeros(x.nrows(), x.ncols());
@@ -339,7 +339,7 @@ impl FittedGroup {
 }
 
 impl Share {
-    /// The part in the scatter, and `K_g` if it was computed or `wants_share` is true.
+    /// Contribution to the scatter, and `K_g` if it was computed or `wants_share` is true.
     fn part(
         &self,
         wants_share: bool,

@@ -16,7 +16,7 @@ pub const MAX_GROUPS: usize = 2000;
 #[derive(Clone, Debug, Default)]
 pub struct GroupedRows {
     blocks: Vec<Arc<Block>>,
-    /// In ascending order of groups, and within a group in the order of the data set.
+    /// Runs in ascending order of groups, and within a group in the order of the data set.
     pub runs: Vec<Run>,
 }
 
@@ -29,13 +29,13 @@ pub struct Run {
 }
 
 /// # Panics
-/// If it is 2³² or more.
+/// If `at` is 2³² or more.
 fn index(at: usize) -> u32 {
     u32::try_from(at).expect("fewer than 2³²")
 }
 
 impl GroupedRows {
-    /// Groups the rows by the labels of a data set. Returns the labels of groups 0, 1, … in the order of first rows.
+    /// Groups the rows by the labels of a data set. Also returns the labels, in the order of the groups' first rows.
     pub fn from_labels(data: &Dataset) -> (Self, Vec<String>) {
         let (mut labels, mut positions) = (Vec::<String>::new(), HashMap::new());
         let mut rows = Self::default();
@@ -81,7 +81,7 @@ impl GroupedRows {
         self.runs.push(Run { group, block, first, rows });
     }
 
-    /// Makes group g part of group `groups[g]`.
+    /// Moves the rows of each group g to group `groups[g]`.
     pub fn regrouped(&self, groups: &[usize]) -> Self {
         let into = |run: &Run| Run { group: index(groups[run.group as usize]), ..*run };
         let mut runs: Vec<Run> = self.runs.iter().map(into).collect();
@@ -103,7 +103,7 @@ impl GroupedRows {
         self.runs.chunk_by(|a, b| a.group == b.group)
     }
 
-    /// Empty if it has no rows.
+    /// Runs of a group; empty if it has no rows.
     pub fn group(&self, group: usize) -> &[Run] {
         let before = |end: usize| self.runs.partition_point(|run| (run.group as usize) < end);
         &self.runs[before(group)..before(group + 1)]
@@ -147,7 +147,7 @@ impl GroupedRows {
         })
     }
 
-    /// 0 without rows.
+    /// Number of channels; 0 without rows.
     pub fn channels(&self) -> usize {
         self.blocks.first().map_or(0, |block| block.channels().len())
     }
@@ -167,7 +167,7 @@ impl GroupedRows {
         Dataset::from_blocks("groups", Axes::ALL, self.groups().filter_map(labelled).collect())
     }
 
-    /// Includes rows without a group.
+    /// All rows, including those without a group.
     pub fn all<'a>(&'a self, workers: Workers<'a>) -> Rows<'a> {
         Rows::from_blocks(self.blocks.iter().map(|block| &**block), workers)
     }
@@ -194,7 +194,7 @@ pub fn count(runs: &[Run]) -> usize {
 }
 
 impl Run {
-    /// From 0.
+    /// Number of the group, from 0.
     pub fn group(&self) -> u64 {
         self.group.into()
     }

@@ -39,7 +39,7 @@ impl HeldOutErrors {
         self.sum / self.rows as f64
     }
 
-    /// Quality of a fit; `total` sums squared deviations of the measured wrench from its mean.
+    /// Quality of a fit. `total` is the sum of squared deviations of the measured wrench from its mean.
     pub(crate) fn quality(&self, total: f64) -> AxisQuality {
         let r_squared = (total > 0.0).then(|| 1.0 - self.squares / total);
         AxisQuality { rms: self.rms(), max: None, bias: self.bias(), r_squared }

@@ -5,10 +5,9 @@
 //! ```
 //!
 //! Rows are reduced to small, mergeable results: [`exact`] sums of integer readings, with the same
-//! bits in any order, or [R factors](factored) of any readings. [`sums`] of both support
-//! [cross-validation](validation), model selection and the [covariance of
-//! coefficients](uncertainty). [`solver`] instead makes passes over the rows where they are
-//! ([`passes`]) and solves by one of several [methods]. No files, clocks or printing.
+//! bits in any order, or [R factors](factored) of any readings. Either kind of [`sums`] supports
+//! [cross-validation](validation), model selection and the [covariance of coefficients](uncertainty). [`solver`]
+//! instead makes [`passes`] over rows in memory and solves by one of several [methods]. No files, clocks or printing.
 
 #![forbid(unsafe_code)]
 

@@ -1,21 +1,21 @@
-//! Streaming histograms of magnitudes, with bins of equal ratio. The leading bits of a number are its bin, so
-//! counting costs one shift. Interpolated quantiles err by at most 1.6 %, and much less for dense numbers. Histograms
+//! Streaming histograms of magnitudes, with bins of equal ratio. The leading bits of a number are its bin, so counting
+//! costs one shift. Interpolated quantiles err by at most 1.6 %, and by much less where numbers are dense. Histograms
 //! merge in any order.
 
-/// Up to 2³² magnitudes: `2^BITS` bins per factor of two, over `OCTAVES` factors of two. Zero and tiny numbers share
-/// the lowest bin.
+/// Histogram of up to 2³² magnitudes: `2^BITS` bins per factor of two, over `OCTAVES` factors of two. Zero and tiny
+/// numbers share the lowest bin.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Histogram<const BITS: u32, const OCTAVES: u64> {
     counts: Vec<u32>,
 }
 
-/// Resolution of prediction intervals.
+/// Histogram with the resolution that prediction intervals need.
 pub type Magnitudes = Histogram<6, 24>;
 
-/// Scale of a robust fit: quantiles to 0.4 %, even if outliers made the unit large.
+/// Histogram for the scale of a robust fit: quantiles to 0.4 %, even if outliers made the unit large.
 pub type FineMagnitudes = Histogram<8, 48>;
 
-/// Power of two from which on numbers share the last bin.
+/// Exponent of two: numbers of `2^TOP` or more share the last bin.
 const TOP: u64 = 8;
 
 impl<const BITS: u32, const OCTAVES: u64> Default for Histogram<BITS, OCTAVES> {
@@ -41,12 +41,12 @@ impl<const BITS: u32, const OCTAVES: u64> Histogram<BITS, OCTAVES> {
         add_counts(&mut self.counts, &other.counts);
     }
 
-    /// The quantile at a fraction of the numbers; zero in the lowest bin and for zero numbers.
+    /// Size below which a fraction `share` of the numbers lies; zero in the lowest bin, or without numbers.
     pub fn quantile(&self, share: f64) -> f64 {
         self.quantiles(&[share])[0]
     }
 
-    /// In ascending order.
+    /// Quantiles at `shares`, which must ascend.
     pub fn quantiles(&self, shares: &[f64]) -> Vec<f64> {
         let all = self.counts.iter().map(|&n| u64::from(n)).sum::<u64>() as f64;
         let edge = |bin: usize| {
@@ -77,7 +77,7 @@ impl Magnitudes {
     }
 }
 
-/// Is not generic, so that it is compiled in this crate, where inner loops are optimised.
+/// Adds counts. A function without type parameters is compiled in this crate, where inner loops are optimised.
 #[inline(never)]
 fn add_counts(sums: &mut [u32], counts: &[u32]) {
     sums.iter_mut().zip(counts).for_each(|(sum, n)| *sum += n);

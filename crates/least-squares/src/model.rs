@@ -24,7 +24,7 @@ pub enum Basis {
 }
 
 impl Basis {
-    /// From the smallest to the largest.
+    /// All families, from the smallest to the largest.
     pub const ALL: [Basis; 5] =
         [Basis::Linear, Basis::Cubic, Basis::Quadratic, Basis::CubicProducts, Basis::Poly3];
 
@@ -60,7 +60,7 @@ pub const LARGEST: f64 = 1e100;
 /// The largest number of channels; their indices are bytes.
 pub const MAX_CHANNELS: usize = 255;
 
-/// Most coefficients per axis: equations of some 40 MB, and a time that grows with the cube.
+/// Maximum number of coefficients per axis. The equations take some 40 MB, and a time that grows with its cube.
 pub const MAX_TERMS: usize = 2200;
 
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -86,9 +86,9 @@ fn fitting(model: &Model) -> String {
 pub struct Model {
     pub basis: Basis,
     pub intercept: bool,
-    /// Including memory terms at most 255.
+    /// Number of channels. Channels and memory terms together are at most 255.
     pub channels: usize,
-    /// Each time constant adds a memory term for every channel; 0 for none.
+    /// Number of time constants. Each adds a memory term for every channel.
     #[serde(default, skip_serializing_if = "is_none")]
     pub memory: usize,
 }
@@ -143,7 +143,7 @@ impl Model {
         self.channels * (1 + self.memory)
     }
 
-    /// In the order of the coefficients.
+    /// Terms in the order of the coefficients.
     pub fn terms(&self) -> Vec<Term> {
         let index = |column: usize| u8::try_from(column).expect("at most 255 columns");
         let channels = index(self.channels);
@@ -188,7 +188,7 @@ impl Model {
         features + self.memory * n + usize::from(self.intercept)
     }
 
-    /// Displayed name: that of [`Term::name`], or for a memory term `s2-EMA3(s2)` with the time constant's number.
+    /// Displayed name: [`Term::name`], or for a memory term `s2-EMA3(s2)`, where 3 is the number of the time constant.
     pub fn term_name(&self, term: &Term) -> String {
         match term.factors() {
             &[column] if usize::from(column) >= self.channels => {

@@ -1,6 +1,6 @@
-//! Passes over rows in memory, with the same bits for any number of threads. Threads take one block
-//! after another; whichever has finished the next one folds results in block order. Results in any
-//! order ([`Pass::ANY_ORDER`]) are summed in one state per thread and merged at the end.
+//! Passes over rows in memory, with the same bits for any number of threads. Threads take one block after another. The
+//! thread that completes the next block in order folds all results that are ready, in block order. If the order does
+//! not matter ([`Pass::ANY_ORDER`]), each thread sums its own blocks, and these sums are merged at the end.
 
 use std::collections::VecDeque;
 use std::panic::resume_unwind;
@@ -18,14 +18,14 @@ pub struct Workers<'a> {
     pub threads: usize,
     /// Called with the number of rows that a pass has just handled; returns false to cancel.
     pub watch: Option<&'a (dyn Fn(usize) -> bool + Sync)>,
-    /// Called with the numbers of completed and all folds of physics models, or splits of a replay.
+    /// Called with the number of completed folds and of all folds, for physics models or splits of a replay.
     pub folds: Option<&'a (dyn Fn(usize, usize) + Sync)>,
     /// Called at the start of each stage of a fit, with its name.
     pub stages: Option<&'a (dyn Fn(&'static str) + Sync)>,
 }
 
 impl Workers<'_> {
-    /// 0 threads: one per core.
+    /// Workers on `threads` threads; 0 for one per core.
     pub fn new(threads: usize) -> Self {
         Self { threads, ..Self::default() }
     }
@@ -51,11 +51,11 @@ impl std::fmt::Debug for Workers<'_> {
     }
 }
 
-/// Determined once, because the system reads several files for it.
+/// Number of available cores, determined once, because the system reads several files for it.
 static AVAILABLE_THREADS: LazyLock<usize> =
     LazyLock::new(|| std::thread::available_parallelism().map_or(1, usize::from));
 
-/// Values that one thread handles in the time that starting another takes.
+/// Number of values that a thread handles in the time that it takes to start another thread.
 const WORTH_A_THREAD: usize = 1 << 16;
 
 /// Blocks that can be passed over repeatedly, always in the same order.
@@ -130,7 +130,7 @@ pub trait Pass: Clone + Send + Sync {
     /// True if `merge` is commutative and associative, bit for bit: row order does not matter.
     const ANY_ORDER: bool = false;
 
-    /// Rows to reduce together if the order matters: a merge may cost as much as adding that many.
+    /// Number of rows to reduce together if the order matters: a merge may cost as much as adding that many.
     fn rows_together(&self) -> usize {
         1
     }
@@ -148,8 +148,8 @@ pub trait Pass: Clone + Send + Sync {
     fn merge(&mut self, later: Self) -> Result<(), FitError>;
 }
 
-/// Passes every item to `work`, on as many threads as its block, `rows_of`, is worth; see
-/// [`on_threads`].
+/// Passes every item to `work` as [`on_threads`] does, but on one thread if there are few values. `rows_of` returns the
+/// block of an item.
 ///
 /// # Errors
 /// The first error of `work` or `fold` in order; [`FitError::Interrupted`] by [`Workers::watch`].

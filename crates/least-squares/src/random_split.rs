@@ -7,7 +7,7 @@ use shell_data::fingerprint::row_hashes;
 pub struct RandomSplit {
     #[serde(rename = "random_folds")]
     pub folds: usize,
-    /// Folds to be held out. From some thousand rows, two of ten determine an error to 1 %, at a
+    /// Number of folds to hold out. With some thousand rows or more, two folds of ten determine an error to 1 %, at a
     /// fifth of the work.
     #[serde(rename = "held_out_folds")]
     pub held_out: usize,

@@ -1,5 +1,4 @@
-//! Causes of a loss of rank, from the R factor alone: lengths and angles of its columns are those
-//! of the features.
+//! Causes of a loss of rank, from the R factor alone: the lengths and angles of its columns are those of the features.
 
 use std::fmt;
 
@@ -17,7 +16,7 @@ pub enum Dependence {
     /// A channel, from 0, that always has the same value.
     Constant {
         channel: usize,
-        /// Counts.
+        /// Value of all readings, in counts.
         value: f64,
     },
     /// `s[second] = ratio·s[first] + offset`, channels counted from 0, offset in counts.
@@ -28,7 +27,7 @@ pub enum Dependence {
         ratio: f64,
         offset: f64,
     },
-    /// Features with coefficients, the largest being one, whose sum is always zero.
+    /// Features with coefficients, whose sum is always zero. The largest coefficient is one.
     Combination(Vec<(Term, f64)>),
     /// A feature that is a combination of others, found in integer arithmetic.
     Relation(Relation),
@@ -37,8 +36,8 @@ pub enum Dependence {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Relation {
     pub feature: Term,
-    /// Features whose sum it is, with coefficients in counts, simplest first. Empty, and not
-    /// [`Self::exact`], if these are not fractions of moderate size.
+    /// Terms that add up to `feature`, with coefficients in counts, simplest first. Empty, and not [`Self::exact`], if
+    /// the coefficients are not fractions of moderate size.
     pub shares: Vec<(Term, f64)>,
     /// True if the relation was found and checked in exact integers.
     pub exact: bool,
@@ -53,16 +52,16 @@ pub struct RankLoss {
     pub dependences: Vec<Dependence>,
 }
 
-/// Relative distance below which a column combines two others. Rounding is some hundred times
-/// smaller, one count of 16 bits a billion times larger.
+/// Relative distance below which a column counts as a combination of two others. Rounding errors are some hundred times
+/// smaller; one count of 16 bits is more than a hundred million times larger.
 const SAME_LINE: f64 = 1e-13;
 
-/// Coefficients of a combination below this are rounding errors and omitted.
+/// Size below which a coefficient of a combination counts as a rounding error and is omitted.
 const NEGLIGIBLE_SHARE: f64 = 1e-6;
 
 impl RankLoss {
-    /// Explains a rank loss from the p × p R factor `r` and `null_space`, p × (p − rank),
-    /// directions in which its columns, scaled to norm one, cancel.
+    /// Explains a rank loss from the p × p R factor `r` and from `null_space`, p × (p − rank): the directions in which
+    /// the columns of `r`, scaled to norm one, cancel.
     pub fn explain(
         features: &Features,
         ranges: &ReadingRanges,
@@ -82,7 +81,7 @@ impl RankLoss {
         Self { rank: features.len() - null_space.ncols(), features: features.len(), dependences }
     }
 
-    /// Explains a rank loss by relations found in integers, without those of constant channels.
+    /// Explains a rank loss by relations found in integers. Relations of constant channels are left out.
     pub(crate) fn from_relations(
         rank: usize,
         features: usize,
@@ -138,7 +137,7 @@ fn line(
     (distance <= SAME_LINE * y.norm_l2()).then_some((slope, y_mean - slope * x_mean))
 }
 
-/// Basis of the same space in which each direction has a separate feature: Gauss–Jordan
+/// Computes a basis of the same space in which each direction has a feature that the others lack, by Gauss–Jordan
 /// elimination on columns, with the largest remaining element as the pivot.
 fn echelon(mut v: Mat<f64>) -> Mat<f64> {
     for k in 0..v.ncols() {
@@ -189,7 +188,7 @@ impl Relation {
         self.shares.iter().find(|(t, _)| *t == term).map_or(0.0, |&(_, share)| share)
     }
 
-    /// Values if the relation means that `s_j − s_i`, or `s_j` itself, has only two.
+    /// Channels and values of `s_j − s_i`, or of `s_j` itself, if the relation means that it has only two values.
     fn two_values(&self) -> Option<(Vec<u8>, f64, f64)> {
         let j = *self.feature.factors().first().filter(|j| self.feature.factors() == [**j; 2])?;
         // d² = (a + b)·d − a·b for d = s_j or d = s_j − s_i.
@@ -216,7 +215,7 @@ impl Relation {
 
 impl fmt::Display for Relation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        /// Terms to show.
+        /// Number of terms to show.
         const SHOWN: usize = 8;
         let name = self.feature.name();
         if !self.exact {

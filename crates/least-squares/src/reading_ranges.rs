@@ -1,17 +1,17 @@
-//! The range of training readings, where a calibration can be trusted; found while fitting.
+//! Ranges of the training readings. A calibration can be trusted within them. They are found while fitting.
 
-/// Counts.
+/// Range of the readings of a channel, in counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ReadingRange {
     pub min: f64,
     pub max: f64,
 }
 
-/// Merges in any order.
+/// Ranges of all channels. They merge in any order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReadingRanges {
     pub rows: u64,
-    /// `min > max` for zero rows.
+    /// Range of each channel; `min > max` for zero rows.
     pub channels: Vec<ReadingRange>,
 }
 
@@ -44,7 +44,7 @@ impl ReadingRanges {
         }
     }
 
-    /// Numbered from 0.
+    /// Channels that never change, numbered from 0.
     pub fn constant_channels(&self) -> Vec<usize> {
         (0..self.channels.len()).filter(|&i| self.channels[i].is_constant()).collect()
     }

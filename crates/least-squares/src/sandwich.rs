@@ -16,8 +16,8 @@
 //! Σ e_gᵀ(I − H_g)⁻¹e_g = Σ eᵀe + Σ u_gᵀ(I − K_g)⁻¹u_g
 //! ```
 //!
-//! whose mean over all rows is the variance of one row: unbiased for independent errors, and for groups of one error
-//! and equal readings.
+//! The mean of this sum over all rows estimates the variance of one row. It is unbiased for independent errors, and for
+//! groups whose rows have one error and equal readings.
 
 use faer::{Accum, ColRef, Mat, MatRef, RowRef};
 
@@ -35,7 +35,7 @@ type Scores = PerAxis<Vec<f64>>;
 /// A group alone determines a direction if an eigenvalue of its `K_g` is this close to one.
 pub(crate) const ALONE: f64 = 1e-8;
 
-/// The largest deviation of the sum of all `K_g` from the identity.
+/// Largest accepted deviation of the sum of all `K_g` from the identity.
 const LARGEST_DEFECT: f64 = 1e-4;
 
 #[derive(Clone, Debug)]
@@ -47,7 +47,7 @@ pub struct GroupScatter {
     pub(crate) scores: PerAxis<Vec<Vec<f64>>>,
     /// `Σ e_gᵀ(I − H_g)⁻¹e_g`, in products of N and N·m.
     pub residual_products: PerAxis<PerAxis<f64>>,
-    /// Fraction of the squared errors that the rows of a group share: their mean, squared.
+    /// Fraction of the squared errors that the rows of a group share: the square of their mean error.
     pub shared: PerAxis<f64>,
     /// Satterthwaite's degrees of freedom of the variance of each coefficient, if they were requested.
     pub degrees_of_freedom: Option<Vec<f64>>,
@@ -66,12 +66,12 @@ pub(crate) struct ScatterSums {
     /// `v_g` of every group that does not determine a direction alone.
     scores: PerAxis<Vec<Vec<f64>>>,
     products: PerAxis<PerAxis<f64>>,
-    /// Identity minus all `K_g`, if these must add up to it.
+    /// Identity minus the sum of all `K_g`; `None` if they need not add up to the identity.
     pub(crate) defect: Option<SymmetricMatrix>,
     alone: Vec<String>,
     common: PerAxis<f64>,
     squares: PerAxis<f64>,
-    /// For each coefficient whose degrees of freedom are requested.
+    /// Moments of each coefficient whose degrees of freedom are requested.
     moments: Vec<Moments>,
 }
 
@@ -82,7 +82,7 @@ pub(crate) struct Part {
 }
 
 impl ScatterSums {
-    /// Starts before any group, with degrees of freedom for `coefficients` coefficients.
+    /// Sums of zero groups, with degrees of freedom for `coefficients` coefficients.
     pub(crate) fn new(solution: &Solution, coefficients: usize) -> Self {
         let features = solution.factor.nrows();
         // Without a ridge, and if no direction was dropped, the `K_g` must add up to the identity.
@@ -94,7 +94,7 @@ impl ScatterSums {
         }
     }
 
-    /// Starts from these products of residuals, without checks of the features.
+    /// Sums of zero groups that start from these products of residuals, without the check that all `K_g` add up.
     pub(crate) fn of_products(products: &Mat<f64>) -> Self {
         Self {
             groups: 0,
@@ -117,7 +117,7 @@ impl ScatterSums {
         }
     }
 
-    /// Adds a group with its part, or `None` if it determines a direction alone.
+    /// Adds a group. `part` is its contribution; `None` if the group determines a direction alone.
     pub(crate) fn add(&mut self, label: &str, part: Option<Part>, errors: &PerAxis<HeldOutErrors>) {
         self.groups += 1;
         let Some(Part { scores: score, influences }) = part else {
@@ -171,7 +171,7 @@ impl ScatterSums {
     }
 }
 
-/// Part of a group from `K_g`, features × features, `u_g`, and the `y` of
+/// Contribution of a group, from `K_g` (features × features), `u_g`, and the `y` of
 /// [`coefficients`](crate::satterthwaite::coefficients); `None` if the group determines a direction alone.
 pub(crate) fn corrected(
     share: &SymmetricMatrix,
@@ -187,8 +187,8 @@ pub(crate) fn corrected(
     Ok(Some(Part { scores, influences: corrected.iter().map(influence).collect() }))
 }
 
-/// Part of a group from `M`, rows × features, and `e`, rows × axes: `K_g = MᵀM`, `u_g = Mᵀe`. Fewer rows than
-/// features use `(I − K_g)^(−½)·Mᵀ = Mᵀ·(I − M·Mᵀ)^(−½)`. Also returns `K_g`, if computed or `wants_share`.
+/// Contribution of a group, from `M` (rows × features) and `e` (rows × axes): `K_g = MᵀM`, `u_g = Mᵀe`. Few rows use
+/// `(I − K_g)^(−½)·Mᵀ = Mᵀ·(I − M·Mᵀ)^(−½)`. Also returns `K_g`, if it was computed or `wants_share`.
 pub(crate) fn corrected_rows(
     rows: MatRef<'_, f64>,
     misfit: MatRef<'_, f64>,
@@ -231,7 +231,7 @@ struct Correction {
 }
 
 impl Correction {
-    /// Corrects for `share`, `K`; `None` if an eigenvalue of `I − K` is too small.
+    /// Correction for `K`, which is `share`; `None` if an eigenvalue of `I − K` is too small.
     fn new(share: SymmetricMatrix) -> Result<Option<Self>, FitError> {
         let eigen = share.eigen().ok_or(FitError::NearlyDependent)?;
         let rest: Vec<f64> = eigen.values.iter().map(|value| 1.0 - value.max(0.0)).collect();

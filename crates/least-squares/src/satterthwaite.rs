@@ -1,8 +1,8 @@
 //! The degrees of freedom of variances from groups, by Satterthwaite's approximation.
 //!
-//! The [scatter over groups](crate::sandwich) gives a combination `xᵀC` of coefficients a variance
-//! that is a quadratic form of the errors. If these are independent and equally large, its first
-//! two moments are those of a multiple of chi-squared with ν degrees of freedom. With `y = Fᵀx`,
+//! The [scatter over groups](crate::sandwich) gives a combination `xᵀC` of coefficients a variance that is a quadratic
+//! form of the errors. If the errors are independent and equally large, the first two moments of this variance are
+//! those of a multiple of chi-squared with ν degrees of freedom. With `y = Fᵀx`,
 //!
 //! ```text
 //! w_g = K_g·(I − K_g)^(−½)·y    d_g = yᵀK_g·(I − K_g)⁻¹·y    θ_gh = δ_gh·d_g − w_gᵀw_h
@@ -17,11 +17,11 @@
 use crate::solution::Solution;
 use crate::symmetric::{SymmetricMatrix, UpperTriangle, add_multiple, product};
 
-/// Every coefficient takes a symmetric matrix of this order.
+/// Maximum number of features. Every coefficient takes a symmetric matrix of this order.
 const MOST_FEATURES: usize = 200;
 
-/// `y = Fᵀx` for each coefficient; empty with a ridge, which biases coefficients, or a dropped
-/// direction, which leaves some undetermined.
+/// Vectors `y = Fᵀx`, one per coefficient. Empty with a ridge, which biases coefficients, with a dropped direction,
+/// which leaves some undetermined, or with too many features.
 pub(crate) fn coefficients(solution: &Solution) -> Vec<Vec<f64>> {
     let factor = UpperTriangle::new(&solution.factor);
     let features = factor.size();
@@ -66,7 +66,7 @@ impl Moments {
             2.0 * product(row, row) - row[0] * row[0]
         };
         let pairs: f64 = (0..self.products.size).map(norm).sum();
-        // A positive semi-definite θ has at least one; rounding may leave less.
+        // A positive semi-definite θ gives a ν of at least one; rounding may give less.
         (self.trace * self.trace / (self.squares + pairs)).max(1.0)
     }
 }

@@ -8,9 +8,9 @@ use shell_data::statistics::extremes;
 /// The standardisation of readings: `z = (s − centre) / scale`, channel by channel.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Scaling {
-    /// Counts. Zero for models without an intercept.
+    /// Centre of each channel, in counts. Zero for models without an intercept.
     pub centre: Vec<f64>,
-    /// Counts: a power of two.
+    /// Scale of each channel, in counts: a power of two.
     pub scale: Vec<f64>,
 }
 
@@ -20,9 +20,9 @@ impl Scaling {
         Self { centre: vec![0.0; channels], scale: vec![1.0; channels] }
     }
 
-    /// Chooses centre, the rounded mean, and scale, the next power of two above the largest
-    /// distance from it, so |z| ≤ 1 over the sample. Without an intercept the centre is zero:
-    /// powers of a shifted reading span those of the reading only together with a constant.
+    /// Chooses the centre (the rounded mean) and the scale (the next power of two above the largest distance from the
+    /// centre), so |z| ≤ 1 over the sample. Without an intercept the centre is zero: powers of a shifted reading span
+    /// the powers of the reading only together with a constant.
     pub fn from_sample(readings: &[Vec<f64>], intercept: bool) -> Self {
         Self::from_channels(readings.iter().map(|column| ChannelSample::new(column)), intercept)
     }
@@ -55,8 +55,8 @@ impl ChannelSample {
         Self { min, max, mean, integers: column.iter().all(|s| s.fract() == 0.0) }
     }
 
-    /// Rounded to an integer or, for decimals within a few counts, to a power-of-two fraction of
-    /// the range: the subtraction stays exact.
+    /// Mean, rounded so that subtracting it stays exact: to an integer or, for decimals within a few counts, to a
+    /// power-of-two fraction of the range.
     fn rounded_mean(&self) -> f64 {
         let Self { min, max, mean, integers } = *self;
         if min > max {
@@ -81,7 +81,7 @@ fn power_of_two_above(value: f64) -> f64 {
     let mantissa_bits = (1u64 << 52) - 1;
     let below = f64::from_bits(value.abs().to_bits() & !mantissa_bits);
     let power = if below == value.abs() { below } else { 2.0 * below };
-    // The reciprocal is the factor, so it must be a normal number too.
+    // Readings are multiplied by the reciprocal, so it must be a normal number too.
     if power.recip().is_normal() && power.is_finite() { power } else { 1.0 }
 }
 

@@ -18,7 +18,7 @@ pub struct Solution {
     /// `(W − X·C)ᵀ(W − X·C)`, 6 × 6, in products of N and N·m.
     pub residual_products: Mat<f64>,
     pub rows: u64,
-    /// With columns scaled to norm one.
+    /// 2-norm condition number of the features, with columns scaled to norm one.
     pub condition: f64,
     pub rank: usize,
     /// λ, as requested or as found by the solver.

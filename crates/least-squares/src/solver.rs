@@ -25,7 +25,7 @@ pub struct FitProblem {
 }
 
 /// Sums over all readings, for centre and scale of a ridge fit. A ridge penalises the coefficients of powers relative
-/// to the centre; with the mean of a sample the result would depend on the order of the rows.
+/// to the centre. If the centre were the mean of a sample, the result would depend on the order of the rows.
 #[derive(Clone, Debug)]
 pub struct ReadingSums {
     ranges: ReadingRanges,
@@ -80,7 +80,7 @@ impl Pass for ReadingSums {
 /// Fits `problem` with the given solver. Returns the ranges of the fitted readings, too.
 ///
 /// # Errors
-/// [`FitError`] if the rows do not determine the coefficients, or not for this solver.
+/// [`FitError`] if the rows do not determine the coefficients, or this solver cannot find them.
 pub fn fit(
     kind: SolverKind,
     problem: FitProblem,

@@ -1,10 +1,10 @@
 //! Choice of λ, the width of the priors and the number of shared factors by cross-validation over groups.
 //!
-//! The chosen λ and width have the least squared error on held-out groups, relative to the mean square of each axis
+//! The chosen λ and width have the smallest squared error on held-out groups, relative to the mean square of each axis
 //! and averaged over the axes. A further factor is accepted if its mean gain in the log density of the held-out
-//! readings, over the folds, is more than one standard error of that mean. This criterion depends on all sensors and
-//! on the correlation of their errors, which hardly shows in the errors of a wrench. Then λ is chosen once more.
-//! Fits without a fold start from the fit to all observations.
+//! readings, over the folds, is more than one standard error of that mean. This criterion depends on all sensors and on
+//! the correlation of their errors, which hardly shows in the errors of a wrench. Then λ is chosen once more. Fits
+//! without a fold start from the fit to all observations.
 
 use std::collections::BTreeSet;
 
@@ -18,15 +18,15 @@ use super::rows::ObservationSample;
 use least_squares::error::FitError;
 use least_squares::passes::{Workers, map};
 
-/// Half decades below 1. λ = 1 is what Bayes' rule gives for normally distributed loads. λ = 1 pulls loads at the
-/// edge of the range, but no others, to a distant minimum.
+/// Half decades below 1. Bayes' rule gives λ = 1 for normally distributed loads, but λ = 1 pulls loads at the edge of
+/// the range, and no others, to a distant minimum.
 const LAMBDAS: [f64; 4] = [0.01, 0.03, 0.1, 0.3];
 
 const WIDTHS: [f64; 3] = [0.25, 0.5, 1.0];
 
 pub(super) const USUAL: (f64, f64) = (LAMBDAS[2], WIDTHS[1]);
 
-/// Up to this many groups are held out one by one; more are assigned to [`FOLDS`] folds.
+/// Maximum number of groups that are held out one by one; more are assigned to [`FOLDS`] folds.
 const MOST_ALONE: usize = 40;
 const FOLDS: usize = 10;
 

@@ -20,7 +20,7 @@ pub(super) fn identity<const N: usize>() -> [[f64; N]; N] {
 pub struct Cholesky<const N: usize>(LaneCholesky<Scalar, N>);
 
 impl<const N: usize> Cholesky<N> {
-    /// `None` if `a` is not positive definite in floating point.
+    /// Factor of `a`; `None` if `a` is not positive definite in floating point.
     #[inline]
     pub fn new(a: &[[f64; N]; N]) -> Option<Self> {
         let factor = LaneCholesky::new(&a.map(|row| row.map(scalar)));

@@ -15,8 +15,8 @@ impl Damping {
         1.0 + self.0
     }
 
-    /// Returns the state after a step if it is better. The damping falls after success and rises otherwise, also
-    /// if there was no step (`None`), as where the damped curvature is not positive definite.
+    /// Returns `next`, the state after a step, if it is better. The damping falls after success and rises otherwise,
+    /// also if there is no step (`None`) because the damped curvature is not positive definite.
     pub(crate) fn accept<T>(
         &mut self,
         next: Option<T>,

@@ -43,7 +43,7 @@ fn add_square<S: Simd>(
 }
 
 vectorised! {
-    /// The E step. `variances` holds the variance of each curve that comes from its parameters.
+    /// Makes the E step. `variances` holds the variance of each curve due to its uncertain parameters.
     pub(super) fn expect<S: Simd>(
         simd: S,
         curves: &[Curve],

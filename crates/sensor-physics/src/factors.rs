@@ -19,8 +19,8 @@ use super::response::{
 use super::sensor::{Curve, Data, Prior, curve_at, parameter_variances};
 use least_squares::symmetric::SymmetricMatrix;
 
-/// Rounds of a fit, and below of one that starts from the result for nearly the same observations.
-/// A round makes [`EM_STEPS`] steps of loadings and variances and [`STEPS`] of the parameters.
+/// Number of rounds of a fit; `WARM_ROUNDS` is for one that starts from the result for nearly the same observations. A
+/// round makes [`EM_STEPS`] steps of loadings and variances and [`STEPS`] of the parameters.
 const ROUNDS: usize = 12;
 const WARM_ROUNDS: usize = 5;
 const EM_STEPS: usize = 6;
@@ -44,7 +44,7 @@ struct Joint<'a> {
     rows: usize,
     width: f64,
     fitted: FittedParameters,
-    /// The first columns of the loadings are in use.
+    /// Number of factors: the first columns of the loadings are in use.
     count: usize,
     damping: Damping,
 }
@@ -91,7 +91,7 @@ impl<'a> Joint<'a> {
             product(&curves[i], &curves[j]) / (sizes[i] * sizes[j])
         });
         let Some(eigen) = correlation.eigen() else { return };
-        // In units of q, at a slope that the curve has over most of its range.
+        // Size of a loading in units of q, at a slope that the curve has over most of its range.
         let size = (noise.displacement + noise.reading / 0.03).sqrt();
         self.count = count.min(curves.len());
         let mut positions: Vec<usize> = (0..curves.len()).collect();
@@ -156,7 +156,7 @@ impl<'a> Joint<'a> {
         whitening
     }
 
-    /// Makes steps over the parameters of all sensors, without those that do not lower the sum.
+    /// Makes steps of the parameters of all sensors; rejects steps that do not lower the cost.
     fn refine_parameters(&mut self, whitening: &[Vec<Loadings>], prior: &Prior) {
         let mut at = self.equations(&self.fitted.parameters, whitening, prior);
         for _ in 0..STEPS {

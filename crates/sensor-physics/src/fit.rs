@@ -27,12 +27,12 @@ const WARM_ROUNDS: usize = 4;
 
 const NOISE_STEPS: usize = 20;
 
-/// Most channels of a model: the flags of a frame have 16 bits, and its values are on the stack.
+/// Maximum number of channels: the flags of a frame have 16 bits, and its values are on the stack.
 pub const MOST_CHANNELS: usize = 16;
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Observation {
-    /// Validation holds out whole groups, for example of one pose.
+    /// Group of the observation, for example its pose. Validation holds out whole groups.
     pub group: u64,
     /// N and N·m.
     pub wrench: PerAxis<f64>,
@@ -69,7 +69,7 @@ pub(super) struct Scaled {
 pub(super) struct FittedParameters {
     pub(super) parameters: Vec<Parameters>,
     pub(super) covariance: Vec<[Parameters; PARAMETERS]>,
-    /// How far each shared factor moves a sensor's displacement.
+    /// Change of a sensor's displacement by each shared factor.
     pub(super) loadings: Vec<Loadings>,
     pub(super) noise: Noise,
 }
@@ -218,7 +218,7 @@ fn covariances(
     let of = |(sensor, estimate): (&Data<'_>, &ParameterEstimate)| {
         let p = &estimate.parameters;
         let information = sensor.cost_along(&curve_at(p, sensor), p, prior).information;
-        // The prior makes it positive definite. If rounding spoils that, the prior's covariance remains.
+        // The prior makes it positive definite. If rounding spoils that, the prior's covariance is used.
         Cholesky::new(&information)
             .map_or_else(|| diagonal(prior.sd.map(|sd| sd.powi(2))), |f| f.inverse())
     };

@@ -12,7 +12,7 @@ const LEAST_LOAD: f64 = 1e-6;
 
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct PhysicsModel {
-    /// Includes channels without a sensor here.
+    /// Number of channels of a frame, including those without a sensor in the model.
     pub channels: usize,
     /// Divisors of a wrench, N and N·m: the root mean square of the training loads.
     pub wrench_scale: PerAxis<f64>,
@@ -29,7 +29,7 @@ pub struct PhysicsModel {
 
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Sensor {
-    /// From 0.
+    /// Channel of the frame, from 0.
     pub channel: usize,
     /// Least reading in the training data, counts.
     pub least: f64,
@@ -68,7 +68,7 @@ impl PhysicsModel {
         factor_count(self.sensors.iter().map(|sensor| &sensor.loadings))
     }
 
-    /// Curves without shared factors, whose mean variance of displacements becomes independent noise of each sensor.
+    /// Model without shared factors. The mean variance of their displacements becomes independent noise of each sensor.
     #[must_use]
     pub fn without_factors(&self) -> Self {
         let mut model = self.clone();

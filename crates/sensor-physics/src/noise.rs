@@ -17,7 +17,7 @@ use std::ops::{Add, Mul};
 use super::lanes::MOST_LANES;
 use shell_data::vectorised;
 
-/// Lower limit of the variances: of a reading, that of less than one count of ten bits.
+/// Lower limit of the variances: for a reading, the square of about one count of ten bits.
 const LEAST: f64 = 1e-6;
 
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]

@@ -77,8 +77,8 @@ pub(super) fn move_by<'a>(parameters: impl IntoIterator<Item = &'a mut Parameter
     }
 }
 
-/// Displacement at which the response is `y`, kept `margin·h` away from the flat ends, where the
-/// inverse is infinite, and the slope there.
+/// Displacement at which the response is `y`, and the slope there. `y` is kept `margin·h` away from the flat ends,
+/// where the inverse is infinite.
 #[inline]
 pub(super) fn displacement(y: f64, lo: f64, h: f64, nu: f64, margin: f64) -> (f64, f64) {
     let share = ((y - lo) / h).clamp(margin, 1.0 - margin);

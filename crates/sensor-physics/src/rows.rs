@@ -1,11 +1,12 @@
-//! Training rows in groups that are held out together, and observations: means of wrench and readings over a cell,
-//! the rows of a group with similar wrench. A fit uses a sample of the observations.
+//! Training rows in groups that are held out together, and observations. An observation is the mean of wrench and
+//! readings over a cell: rows of a group with a similar wrench. A fit uses a sample of the observations.
 //!
 //! Rows of a pose repeat one observation, so the fit sees their mean, and every mean has the same weight. Where the
 //! wrench changes within a group, as in a push by hand, each cell has a mean. Cells are [`CELL_WIDTH`] wide, and the
 //! group's mean is in the middle of one: a pose of constant load is a single cell.
 //!
-//! Sums are integers: values are rounded once, to 2⁻⁶⁰ of the largest in the column, for any order of rows.
+//! Sums are integers: values are rounded once, to 2⁻⁶⁰ of the largest in the column, so the order of rows has no
+//! effect.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -16,14 +17,14 @@ use least_squares::grouped_rows::{GroupedRows, Run, count, every_nth};
 use shell_data::dataset::Dataset;
 use shell_data::wrench::PerAxis;
 
-/// Most rows that are converted at a time, because the results take memory.
+/// Maximum number of rows that are converted at a time, because the results take memory.
 const ROWS_AT_ONCE: usize = 4096;
 
 #[derive(Clone, Debug, Default)]
 pub struct TrainingRows {
     pub(super) rows: GroupedRows,
     pub(super) channels: usize,
-    /// Reference for conversions of a group's rows, if not their wrench: stated loads, if readings correct it.
+    /// Reference for conversions of a group's rows, if not their wrench: the stated load, if readings corrected it.
     pub judged_by: BTreeMap<u64, PerAxis<f64>>,
 }
 
@@ -45,7 +46,7 @@ impl TrainingRows {
         self.rows.groups().count()
     }
 
-    /// In ascending order of groups.
+    /// Numbers of rows, in ascending order of groups.
     pub fn group_sizes(&self) -> Vec<u64> {
         self.rows.groups().map(|runs| count(runs) as u64).collect()
     }
@@ -222,12 +223,12 @@ impl RoundingGrid {
 
 const MOST_TRIED: usize = 600;
 
-/// Most observations in a fit, where ten uncertain parameters per sensor add a two-hundredth to the squared error.
+/// Most observations in a fit. Ten uncertain parameters per sensor then add a two-hundredth to the squared error.
 const MOST_FITTED: usize = 2_000;
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct ObservationSample {
-    /// Before sampling.
+    /// Number of observations before sampling.
     pub count: usize,
     pub(super) tried: Vec<Observation>,
     pub(super) fitted: Vec<Observation>,

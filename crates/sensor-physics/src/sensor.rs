@@ -4,10 +4,9 @@
 //! minimise  Σ weightᵢ·(yᵢ − f(xᵢ; p))² + Σ ((p − m)/s)²
 //! ```
 //!
-//! Levenberg-Marquardt steps with the analytic gradient find the minimum (Nocedal & Wright,
-//! Numerical Optimization, 2nd ed., §10.3). The curve's tail bends either way, so there are two
-//! starts, at two values of ν. Each inverts the curve and solves for b and a, in which the
-//! displacement is linear (*logit-linear* fit).
+//! Levenberg-Marquardt steps with the analytic gradient find the minimum (Nocedal & Wright, Numerical Optimization, 2nd
+//! ed., §10.3). The tail of a curve may bend either way, so there are two starts, at two values of ν. Each start
+//! inverts the curve and solves for b and a, in which the displacement is linear (*logit-linear* fit).
 //!
 //! Rows are dealt to [`MOST_LANES`] partial sums, with the same bits for vectors of any width.
 
@@ -21,7 +20,7 @@ use super::response::{PARAMETERS, Parameters, SHAPE, displacement, move_by};
 use shell_data::vectorised;
 use shell_data::wrench::PerAxis;
 
-/// Rows whose products are summed before the next rows.
+/// Number of rows whose products are summed before the next rows.
 const ROWS_AT_ONCE: usize = 64;
 
 /// Values of ν to start from, on either side of 1, the value of the logistic curve.
@@ -71,7 +70,7 @@ impl Data<'_> {
         if second_cost < first_cost { second } else { first }
     }
 
-    /// Makes `steps` steps, without those that do not lower the cost, and returns the final cost.
+    /// Makes `steps` steps, rejects those that do not lower the cost, and returns the final cost.
     pub(super) fn refine(
         &self,
         estimate: &mut ParameterEstimate,
@@ -137,16 +136,16 @@ impl Data<'_> {
 /// of [`MOST_LANES`].
 #[derive(Clone, Debug)]
 pub(super) struct Data<'a> {
-    /// In units of the model's scales.
+    /// Wrench in units of the model's scales.
     pub(super) wrench: &'a PerAxis<Vec<f64>>,
-    /// In ranges above the least.
+    /// Readings in ranges of the channel, above its least reading.
     pub(super) readings: &'a [f64],
     pub(super) rows: usize,
     pub(super) weights: Vec<f64>,
 }
 
-/// A sum of squares, its curvature and its descent: for the residuals `r = y − f` with weights and
-/// gradients `g = df/dp`, then for a prior.
+/// A sum of squares, its curvature and its descent, for weighted residuals `r = y − f` with gradients `g = df/dp`. The
+/// terms of a prior are added.
 pub(super) struct Cost {
     /// `Σ weight·r²`.
     pub(super) value: f64,

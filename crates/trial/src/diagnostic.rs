@@ -16,7 +16,7 @@ pub enum Severity {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Diagnostic {
     pub severity: Severity,
-    /// A short name for scripts, the same for all of a kind.
+    /// A short name for scripts, the same for all diagnostics of a kind.
     pub code: &'static str,
     pub text: String,
 }

@@ -4,7 +4,7 @@ use forces::ForceError;
 use shell_data::hint::{Hint, OTHER_CHANNELS};
 use shell_data::wrench::Axes;
 
-/// The minimum number of a log's periods in a window.
+/// Minimum length of a window, in periods of the log.
 pub(super) const FEWEST_PERIODS: f64 = 10.0;
 
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

@@ -10,7 +10,7 @@ use shell_data::wrench::PerAxis;
 pub struct Trial {
     pub file: String,
     pub condition: String,
-    /// s on the log's clock.
+    /// Entry, s on the log's clock.
     pub t_enter_s: f64,
     pub t_exit_s: f64,
     /// Mean velocity, m/s. If `None`, it is the length of the channel divided by the time in the
@@ -36,7 +36,7 @@ pub struct LogTimes {
     pub period_s: f64,
 }
 
-/// Rows of a log, column by column: the window, and those around it that the low-pass
+/// Rows of a log, column by column: the rows in the window, and the rows around it that the low-pass
 /// [needs](forces::PipelineSetup::needed_s).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TrialRows {
@@ -99,7 +99,7 @@ pub struct TrialInput<'a> {
     pub instrument: Instrument<'a>,
     pub times: &'a LogTimes,
     pub rows: &'a TrialRows,
-    /// Includes the frames of the tare, if there is a tare; `None` for trials without forces.
+    /// Pipeline with the frames of the tare, if there is a tare; `None` for trials without forces.
     pub pipeline: Option<&'a ForcePipeline>,
     pub options: &'a TrialOptions,
 }

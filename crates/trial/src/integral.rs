@@ -1,7 +1,7 @@
 //! Means and integrals over a window, of signals known at the times of rows.
 //!
-//! By time, a signal is linear between rows (trapezoid rule), which may be missing or uneven. By
-//! row, each row is a sample.
+//! By time, a signal is linear between rows (trapezoid rule), and rows may be missing or uneven. By row, each row is a
+//! sample.
 
 use std::ops::Range;
 
@@ -16,9 +16,9 @@ pub(super) struct Span {
 }
 
 impl Span {
-    /// The window from `from_s` to `to_s` over rows at ascending `times`; `None` if they do not
-    /// contain it, or it has no length or, by row, no row. By row, the integral sums values times
-    /// the time since the previous row.
+    /// The window from `from_s` to `to_s` over rows at ascending `times`. `None` if the times do not contain the
+    /// window, if it has no length or, by row, if it has no row. By row, the integral sums values times the time since
+    /// the previous row.
     pub(super) fn new(rule: RowRule, times: &[f64], from_s: f64, to_s: f64) -> Option<Self> {
         let around = rows_around(times, from_s, to_s)?;
         if rule == RowRule::Time {
@@ -28,7 +28,7 @@ impl Span {
                 let (a, b) = (pair[0].max(from_s), pair[1].min(to_s));
                 let (length, step) = (b - a, pair[1] - pair[0]);
                 if length > 0.0 {
-                    // The position between the two rows of the middle of the part in the window.
+                    // The middle of the part in the window, as a fraction of the way between the two rows.
                     let share = (0.5 * (a + b) - pair[0]) / step;
                     weights[i].1 += length * (1.0 - share);
                     weights[i + 1].1 += length * share;

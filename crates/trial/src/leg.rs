@@ -5,14 +5,14 @@ use std::f64::consts::TAU;
 use super::integral::rows_around;
 use shell_data::statistics::extremes;
 
-/// Time over which a leg's speed predicts its next angle, s: long for encoder noise, short for gait changes.
+/// Time over which a leg's speed is measured to predict its angle, s: long for encoder noise, short for gait changes.
 const SPEED_OVER_S: f64 = 0.02;
 
 /// Minimum rotation of a leg that does not count as still, rad.
 pub(super) const STILL_RAD: f64 = 0.1;
 
-/// Unwrapped angle of a leg at each row, rad, from an encoder that wraps after a turn or after 2³² counts. The step
-/// nearest to the last 20 ms, extrapolated, is right across gaps in which the speed changes by less than half a turn.
+/// Unwrapped angle of a leg at each row, rad, from an encoder that wraps after a turn or after 2³² counts. Each angle
+/// is the one nearest to an extrapolation of the last 20 ms, so a leg may deviate from it by half a turn in a gap.
 pub(super) fn unwrap(times: &[f64], counts: &[f64], rad_per_count: f64) -> Vec<f64> {
     let (low, high) = extremes(counts.iter().copied());
     let turn = TAU / rad_per_count;
@@ -45,8 +45,8 @@ pub(super) struct Strides {
 
 impl Strides {
     /// Finds the whole turns of `angle` in a window, from phase 0 to phase 0, in the overall direction. A turn ends
-    /// when the leg first reaches its end; recovered backward motion does not count twice, so noise, a stall or a
-    /// reversal creates no strides.
+    /// when the leg first reaches its end. Motion that makes up for a backward motion does not count again, so noise, a
+    /// stall or a reversal creates no strides.
     pub(super) fn new(times: &[f64], angle: &[f64], from_s: f64, to_s: f64) -> Self {
         let Some(rows) = rows_around(times, from_s, to_s) else { return Self::default() };
         let (times, angle) = (&times[rows.clone()], &angle[rows]);

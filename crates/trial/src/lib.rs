@@ -7,8 +7,8 @@
 //!        └──► leg angle ──► strides ───────┘
 //! ```
 //!
-//! [`evaluate()`] takes the rows around a trial's window ([`TrialRows`]), whose range `needed_s` of
-//! the pipeline's set-up gives. `docs/trials.md` has the formulas and definitions.
+//! [`evaluate()`] takes the rows around a trial's window ([`TrialRows`]); [`forces::PipelineSetup::needed_s`] gives
+//! their range. `docs/trials.md` has the formulas and definitions.
 
 mod diagnostic;
 mod error;

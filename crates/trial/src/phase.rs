@@ -157,8 +157,7 @@ mod tests {
         assert_eq!(whole.strides, merged.strides);
         for (a, b) in [(&whole.drag, &merged.drag), (&whole.lift, &merged.lift)] {
             let pairs = a.mean_n.iter().chain(&a.sd_n).zip(b.mean_n.iter().chain(&b.sd_n));
-            // Eighteen values in another order; the root of rounding errors for a deviation of
-            // zero.
+            // The eighteen values have another order; a deviation of zero becomes the root of rounding errors.
             assert!(pairs.into_iter().all(|(a, b)| (a - b).abs() < 1e-7));
         }
     }

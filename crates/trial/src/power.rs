@@ -1,7 +1,7 @@
 //! Electrical power of the leg motors.
 //!
-//! The source is the first of these in the log: columns of power, battery voltage times columns of
-//! current (both need units in the profile), or the motor's formula with duty and back EMF.
+//! The source is the first of these in the log: columns of power, battery voltage times columns of current (power and
+//! current need units in the profile), or the motor's formula with duty and back EMF.
 
 use std::ops::Range;
 
@@ -28,7 +28,7 @@ const NO_ENERGY: &str = "electrical energy and specific resistance are left out"
 const BATTERY_V: std::ops::RangeInclusive<f64> = 0.5..=100.0;
 
 impl Power {
-    /// Computes power from telemetry, or why not. The battery is checked in the rows `window`.
+    /// Computes power from telemetry; the error says why it cannot. The battery is checked in the rows `window`.
     pub(super) fn new(
         rows: &TrialRows,
         profile: &Profile,
@@ -67,7 +67,7 @@ struct PowerColumns<'a> {
 }
 
 impl PowerColumns<'_> {
-    /// A column in SI units: from the unit in the profile, or else from counts of `per_count` each.
+    /// A column in SI units, converted by the unit in the profile, or else from counts of `per_count` each.
     fn in_si(&self, kind: Telemetry, per_count: Option<f64>) -> Option<Vec<f64>> {
         let unit = self.profile.unit(kind).or(per_count)?;
         Some(self.rows.telemetry(kind)?.iter().map(|value| value * unit).collect())

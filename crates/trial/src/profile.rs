@@ -13,7 +13,7 @@ use toml::{Spanned, Table, Value};
 
 use super::manifest::{ManifestProblem, parse_toml as parse};
 
-/// The built-in profile as a template for others.
+/// Text of the built-in profile, as a template for others.
 pub const VELOCIROACH: &str = include_str!("../assets/profiles/velociroach.toml");
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -21,7 +21,7 @@ pub const VELOCIROACH: &str = include_str!("../assets/profiles/velociroach.toml"
 pub struct Profile {
     pub name: String,
     pub telemetry: TelemetryScales,
-    /// Telemetry columns that its logs name differently, or have in physical units.
+    /// Telemetry columns that the robot's logs name differently, or have in physical units.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub columns: BTreeMap<String, TelemetryColumn>,
     pub motor: Motor,
@@ -50,7 +50,7 @@ pub struct TelemetryColumn {
     pub unit: Option<String>,
 }
 
-/// A leg motor; both have the same constants.
+/// A leg motor; both motors have the same constants.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Motor {
@@ -254,7 +254,7 @@ mod tests {
             assert!((found / expected - 1.0).abs() < 4.0 * f64::EPSILON, "{found} {expected}");
         }
         let turn = std::f64::consts::TAU / telemetry.leg_rad_per_count;
-        // Five digits are given.
+        // The constant is given with six digits.
         assert!((turn / 65536.0 - 1.0).abs() < 1e-6);
     }
 

@@ -20,7 +20,7 @@ pub struct TrialResult {
     pub stride_rows: Vec<StrideRow>,
     #[serde(rename = "remarks")]
     pub diagnostics: Vec<Diagnostic>,
-    /// Over the window, or over the whole log, if requested.
+    /// Signals over the window or over the whole log, if requested.
     #[serde(skip)]
     pub trace: Option<Trace>,
     /// Computed from the trace.
@@ -66,7 +66,7 @@ pub struct TrialRow {
     pub drag_mean_95_n: Option<Interval>,
     pub lift_mean_95_n: Option<Interval>,
     pub strides: Option<u64>,
-    /// Number of whole strides, over the time from the first start to the last end.
+    /// Number of whole strides, divided by the time from the first start to the last end.
     pub stride_frequency_hz: Option<f64>,
     #[serde(skip)]
     pub channel_length_m: f64,
@@ -129,7 +129,7 @@ pub struct ConditionRow {
     pub quantity: Quantity,
     #[serde(flatten)]
     pub statistics: Statistics,
-    /// Difference of the mean from that of the named reference condition, if this is another.
+    /// Difference of the mean from that of the named reference condition, if this is another condition.
     pub difference: Option<MeanDifference>,
 }
 

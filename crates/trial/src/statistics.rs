@@ -26,17 +26,17 @@ const LEVEL: f64 = 0.95;
 /// − 2¹⁻ⁿ, 94 % for five.
 const FEWEST: usize = 5;
 
-/// Fewest trials for the bootstrap: of five normal values it covers 91 %, Student's interval 95 %.
+/// Fewest trials for the bootstrap: with five normal values it covers 91 %, and Student's interval covers 95 %.
 const FEWEST_BOOTSTRAPPED: usize = 8;
 
-/// Most trials that are resampled. The mean of more is normal but for known skewness; resampling takes minutes.
+/// Most trials to resample. The mean of more is normal except for a known skewness, and resampling takes minutes.
 const MOST_DRAWN: usize = 5000;
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ValueSample {
     values: Vec<f64>,
     clusters: Vec<(f64, usize)>,
-    /// Along common directions: sums over the values.
+    /// Common errors along common directions, summed over the values.
     shared: Vec<f64>,
     degrees_of_freedom: Option<f64>,
     is_unknown: bool,
@@ -53,7 +53,7 @@ pub struct Statistics {
     pub n: usize,
     pub trials: usize,
     pub mean: f64,
-    /// With `n − 1`; `None` for a single value.
+    /// Standard deviation, with divisor `n − 1`; `None` for a single value.
     pub sd: Option<f64>,
     /// `None` with fewer than five trials.
     pub mean_95: Option<Interval>,
@@ -64,9 +64,9 @@ pub struct Statistics {
     pub whisker_low: f64,
     /// The largest value within 1.5 interquartile ranges above the third quartile.
     pub whisker_high: f64,
-    /// Ascending.
+    /// Outliers in ascending order.
     pub outliers: Vec<f64>,
-    /// Ascending.
+    /// Values in ascending order.
     #[serde(skip)]
     pub values: Vec<f64>,
 }
@@ -75,7 +75,7 @@ pub struct Statistics {
 pub struct MeanDifference {
     pub reference: String,
     pub mean: f64,
-    /// `None` if either has fewer than five trials.
+    /// `None` if either condition has fewer than five trials.
     pub mean_95: Option<Interval>,
 }
 
@@ -222,7 +222,7 @@ fn bootstrap(samples: &[Signed<'_>], fewest: usize, seed: u64) -> Interval {
     let n = fewest as f64;
     let z = (n / (n - 1.0)).sqrt() * student_quantile(LEVEL, n - 1.0);
     let (variance, acceleration) = influence(samples, &means);
-    // Limit for a mean: bias equals acceleration (Efron & Tibshirani, §14.3); quantiles by Cornish and Fisher.
+    // In the limit for a mean, bias equals acceleration (Efron & Tibshirani, §14.3). Quantiles by Cornish and Fisher.
     if samples.iter().any(|(_, clusters)| clusters.len() > MOST_DRAWN) {
         let end = |z: f64| {
             let shifted = acceleration + z;
@@ -261,7 +261,7 @@ fn bootstrap(samples: &[Signed<'_>], fewest: usize, seed: u64) -> Interval {
     Interval { low: end(-z), high: end(z) }
 }
 
-/// Variance of the bootstrap, and its acceleration, skewness over six, from the changes without each cluster.
+/// Variance of the bootstrap and acceleration (a sixth of its skewness), from leaving out each cluster in turn.
 fn influence(samples: &[Signed<'_>], means: &[f64]) -> (f64, f64) {
     let (mut squares, mut cubes) = (0.0, 0.0);
     for (i, (_, clusters)) in samples.iter().enumerate() {

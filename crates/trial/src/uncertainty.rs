@@ -7,7 +7,7 @@
 //! - the noise of the tare's mean, from its frames, with their autocorrelation (Newey & West, Econometrica 55, 1987);
 //! - the noise of the window's mean, from the same noise over its frames;
 //! - the error of the model, such as play in the springs. It does not average out, and is taken as the same share of
-//!   any load, `(1 − R²)·(1 − σ²/S)·F²`: the training data's unexplained variance S without the noise σ² of a frame;
+//!   any load: `(1 − R²)·(1 − σ²/S)·F²`, with the training data's unexplained variance S and the noise σ² of a frame;
 //! - with memory terms, the force that they would add without fading. They are learned from short loads; under longer
 //!   ones play and slow creep stay, and the terms fade.
 //!
@@ -18,8 +18,8 @@
 //! and cancel in a difference as far as loads agree. Means and differences are therefore computed from a vector of
 //! components.
 //!
-//! The interval is Student's t with the Welch-Satterthwaite degrees of freedom, of which coefficients have few if few
-//! groups have large loads ([`Covariance::degrees_of_combination`]).
+//! The interval is Student's t with the Welch-Satterthwaite degrees of freedom. The coefficients have few of these if
+//! few groups have large loads ([`Covariance::degrees_of_combination`]).
 
 use super::input::TrialInput;
 use super::integral::Span;
@@ -39,7 +39,7 @@ pub struct ForceUncertainty {
     pub degrees_of_freedom: PerAxis<f64>,
 }
 
-/// `None` if the calibration does not provide it.
+/// Uncertainty of the mean forces; `None` if the calibration does not provide it.
 pub(super) fn of_means(
     input: &TrialInput<'_>,
     forces: &TrialForces,
@@ -104,7 +104,7 @@ pub(super) fn of_means(
             let variance = variances(noise)[1] * (1.0 / frames + own_frames);
             parts.push((variance, frames - 1.0));
         } else {
-            // Only the scatter of the training rows indicates the error of its zero and its noise.
+            // Without a tare, only the scatter of the training rows indicates the error of the zero and the noise.
             parts.push((of_frame[axis], frame_degrees));
         }
         half_widths[axis] = half_width(&parts);
@@ -190,8 +190,8 @@ fn products<'a>(factor: &'a [Vec<f64>], x: &'a [f64]) -> impl Iterator<Item = f6
     factor.iter().map(move |column| column.iter().zip(x).map(|(f, x)| f * x).sum())
 }
 
-/// Variance of two or more values, and that of their mean times their number, with Bartlett's weights up to its cube
-/// root: never less than for uncorrelated values.
+/// Variance of two or more values, and their number times the variance of their mean, with Bartlett's weights for lags
+/// up to the cube root of the number. The second is never less than the first.
 fn variances(x: &[f64]) -> [f64; 2] {
     let n = x.len() as f64;
     let mean = x.iter().sum::<f64>() / n;

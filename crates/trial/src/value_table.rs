@@ -13,9 +13,9 @@ pub struct ValueTable {
     /// The column whose rows with the same entry are strides of one trial.
     pub trial: Option<String>,
     pub quantities: Vec<String>,
-    /// Empty cells are missing values.
+    /// Number of empty cells in the column of each quantity. They are missing values.
     pub empty: Vec<usize>,
-    /// In order of first occurrence, with one sample per quantity.
+    /// Conditions in order of first occurrence, with one sample per quantity.
     pub conditions: Vec<(String, Vec<ValueSample>)>,
 }
 
@@ -45,9 +45,9 @@ fn groups<T, K: Eq + Hash>(
 }
 
 impl ValueTable {
-    /// Reads a table with a header: conditions in the column `by`, otherwise in `condition` or the first; values in
-    /// the columns `of` or all others of numbers alone. Rows with the same entry in the column `trial`, otherwise in
-    /// `file`, are strides of one trial, which resemble each other.
+    /// Reads a table with a header. Conditions are in the column `by`, or else in `condition` or the first column.
+    /// Values are in the columns `of`, or else in all others with only numbers. Rows with the same entry in the column
+    /// `trial`, or else in `file`, are strides of one trial, which resemble each other.
     ///
     /// # Errors
     /// [`ManifestProblem`] if such a column, a column of numbers, a field or any row is missing.

@@ -1,8 +1,8 @@
 //! Pairs the edges of one recording with those of the other.
 //!
-//! Two nearby pairs of edges give a guess of offset and skew, followed through both recordings:
-//! each edge takes the nearest one within reach, and pairs correct the guess. An edge on one side
-//! only costs that pair alone.
+//! Two nearby pairs of edges give a guess of offset and skew. The guess is followed through both recordings: each edge
+//! is paired with the nearest one within reach, and the pairs correct the guess. An edge that only one side has costs
+//! just its own pair.
 
 /// The largest skew between a clock with a crystal and one without.
 const MOST_SKEW: f64 = 2e-2;
@@ -10,7 +10,7 @@ const MOST_SKEW: f64 = 2e-2;
 /// Tolerance on an edge in addition to the reference's sampling interval, s: clocks wander.
 const SLACK_S: f64 = 2e-4;
 
-/// Board edges from which guesses start, and following edges that they extend to.
+/// Number of board edges from which guesses start, and of the following edges to which each extends.
 const BEGINNINGS: usize = 8;
 const NEXT: usize = 3;
 

@@ -6,9 +6,9 @@
 //! ```
 //!
 //! If the reference's samples keep step with the signal, all edges may have the same error; more edges then do not
-//! lower the standard error of the offset. The gaps between edges determine which edge is which (`matching`); if they
-//! do not, the loads do. Offset and skew are a least-squares fit to the pairs, with the tolerance of oscillators as
-//! the prior of the skew: one edge gives the offset, two distant edges give the skew.
+//! lower the standard error of the offset. The gaps between edges determine which edges correspond (`matching`); if the
+//! gaps do not, the loads do. Offset and skew are a least-squares fit to the pairs, with the tolerance of oscillators
+//! as the prior of the skew: one edge gives the offset, two distant edges give the skew.
 
 mod matching;
 
@@ -50,8 +50,7 @@ pub struct EdgeMatch {
 }
 
 impl Edges {
-    /// The clock relation from the edges. `by_loads`: the clock relation from the loads, if the
-    /// loads match.
+    /// The clock relation from the edges. `by_loads` is the clock relation from the loads, if the loads match.
     ///
     /// # Errors
     /// [`AlignError::TooManyEdges`]; [`AlignError::EdgesUnclear`] if gaps and loads leave open which edge is which.

@@ -1,9 +1,9 @@
 //! Exact summation of rows.
 //!
-//! Rows are processed in blocks of [`ROWS`], as integers relative to a centre near the middle of each channel's
-//! range, which keeps them small. Each sum over a block is exact (see [`limbs`](super::limbs)) and is added to a pair
-//! of `f64`, for multiples of 2²⁶ and for the rest, exact for 2²⁶ blocks. A value outside the plan of centre and
-//! limbs moves the sums so far into [`ExactSums`], and a new plan is made.
+//! Rows are processed in blocks of [`ROWS`]. Readings become integers relative to a centre near the middle of each
+//! channel's range, which keeps them small. Each sum over a block is exact (see [`limbs`](super::limbs)). It is added
+//! to a pair of `f64`, one for multiples of 2²⁶ and one for the rest, which is exact for 2²⁶ blocks. If a value does
+//! not fit the plan of centres and limbs, the sums so far move into [`ExactSums`] and a new plan is made.
 
 use std::sync::Arc;
 
@@ -28,14 +28,14 @@ pub struct Accumulator {
     channels: Vec<ChannelRange>,
     pub(super) expected: ExpectedRows,
     open: Option<OpenSums>,
-    /// Number of rows not yet summed, stored as columns of [`ROWS`] numbers.
+    /// Number of rows not yet summed. `readings` and `wrench` hold them, in columns of [`ROWS`] numbers.
     staged: usize,
     readings: Vec<f64>,
     wrench: Vec<f64>,
     pub(super) scratch: Scratch,
 }
 
-/// Ranges expected of coming rows, which the plan covers. They affect the work, not the sums.
+/// Ranges that the next rows are expected to have. The plan covers them. They affect the speed, not the sums.
 #[derive(Clone, Debug)]
 pub(super) struct ExpectedRows {
     channels: Vec<ChannelRange>,
@@ -44,7 +44,7 @@ pub(super) struct ExpectedRows {
 }
 
 impl ExpectedRows {
-    /// Returns true if readings are in counts. Fractional readings are too rare to share their ranges.
+    /// Returns true if all readings are whole counts. Fractional readings are too rare to share their ranges.
     pub(super) fn in_counts(&self) -> bool {
         self.channels.iter().all(|channel| channel.unit == ReadingUnit::COUNT)
     }
@@ -80,7 +80,7 @@ impl Accumulator {
         }
     }
 
-    /// Adds different rows of the same channels and basis.
+    /// Adds the rows of `other`, which must be different rows of the same channels and basis.
     ///
     /// # Errors
     /// [`ExactError`] if the sums cannot be exact; do not use the accumulator after that.
@@ -101,7 +101,7 @@ impl Accumulator {
     /// Adds rows: `readings` in counts, one column per channel; `wrench` in N and N·m, six columns.
     ///
     /// # Errors
-    /// [`ExactError`] if the sums cannot be exact; some rows may be in it: do not use the accumulator after that.
+    /// [`ExactError`] if the sums cannot be exact. Some rows may have been added, so do not use the accumulator then.
     ///
     /// # Panics
     /// If the numbers or lengths of columns are not as described.
@@ -145,7 +145,7 @@ impl Accumulator {
         self.open.is_some()
     }
 
-    /// Takes the sums over all rows except those that still wait for a full block; `None` if there are none.
+    /// Takes the sums so far, without the rows that still wait for a full block; `None` if there are no sums.
     ///
     /// # Errors
     /// [`ExactError`] if they cannot be exact.
@@ -246,7 +246,7 @@ impl Accumulator {
         Ok(())
     }
 
-    /// Closes the open sums before a channel's unit changes, on which the plan depends.
+    /// Closes the open sums and drops their plan, which depends on the units of the channels.
     fn discard_plan(&mut self) -> Result<(), ExactError> {
         self.expected.plan = None;
         self.close()
@@ -268,11 +268,11 @@ fn distance(channels: &[ChannelRange], centre: &[i64]) -> u32 {
     u32::try_from(largest.max(0)).unwrap_or(u32::MAX)
 }
 
-/// Adds rows to [`Accumulator`]s of one basis, which start with the latest plan and known ranges, since a new plan
-/// closes sums, and share one working memory. Results do not depend on this.
+/// Adds rows to several [`Accumulator`]s of one basis, which share one working memory. Each starts with the latest plan
+/// and the known ranges, because every new plan closes the open sums. The results do not depend on this.
 #[derive(Clone, Debug)]
 pub struct Adder {
-    /// Template without rows, with the ranges learned from all others.
+    /// Template without rows. It has the ranges learned from all accumulators so far.
     empty: Accumulator,
     scratch: Scratch,
 }

@@ -29,10 +29,9 @@ impl Scratch {
 }
 
 vectorised! {
-    /// Adds the first `rows` rows of a block to open sums; returns false, and adds none, if the
-    /// limbs do not cover the wrench. `readings` has a column of [`ROWS`] integers per channel,
-    /// which after the first `rows` are the channel's centre. `axes` has a column of [`ROWS`]
-    /// numbers per axis, which after the first `rows` are zero.
+    /// Adds the first `rows` rows of a block to open sums. If the limbs do not cover the wrench, returns false and adds
+    /// nothing. `readings` has a column of [`ROWS`] integers per channel; those after the first `rows` are the
+    /// channel's centre. `axes` has a column of [`ROWS`] numbers per axis; those after the first `rows` are zero.
     pub(crate) fn sum_block<S: Simd>(
         simd: S,
         layout: &SumLayout,
@@ -118,8 +117,8 @@ fn cut_lefts(plan: &SummationPlan, lefts: &[LimbColumn], features: &mut [f64]) {
     }
 }
 
-/// Computes `out[l·n + r] = Σ left_l·right_r` over a block, for `n` columns on the right and
-/// indices of left `columns`. Advances `out` past the filled part.
+/// Computes `out[l·n + r] = Σ left_l·right_r` over a block. `right` holds n columns, and `left` gives the positions of
+/// the left operands in `columns`. Advances `out` past the filled part.
 #[inline(always)]
 pub(crate) fn products<S: Simd>(
     simd: S,
@@ -132,7 +131,7 @@ pub(crate) fn products<S: Simd>(
     let mut out = out.split_off_mut(..left.len() * rights).expect("room for all sums");
     let mut next = || column(columns, left.next().unwrap_or(0));
     while !out.is_empty() {
-        // Three and two are faster than four and one.
+        // Five columns take less time as three and two than as four and one.
         let height = match out.len() / rights {
             5 => 3,
             n => n.min(4),
@@ -163,7 +162,7 @@ fn strip<S: Simd, const L: usize>(
                 tile::<S, L, 1>(simd, left, right, r, out);
                 r += 1;
             }
-            // Two and two are faster than three and one.
+            // Four columns take less time as two and two than as three and one.
             2 | 4 => {
                 tile::<S, L, 2>(simd, left, right, r, out);
                 r += 2;
@@ -188,7 +187,7 @@ fn tile<S: Simd, const L: usize, const R: usize>(
     let rights = right.len() / ROWS;
     let left: [&[S::f64s]; L] = left.map(|column| S::as_simd_f64s(column).0);
     let mut rights_now: [&[S::f64s]; R] = [&[]; R];
-    // A loop, because the closure of an array may not be inlined.
+    // This is a loop, because a closure passed to an array method may not be inlined.
     for (r, now) in rights_now.iter_mut().enumerate() {
         *now = S::as_simd_f64s(column(right, first + r)).0;
     }

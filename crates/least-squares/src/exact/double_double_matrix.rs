@@ -1,9 +1,9 @@
 //! Symmetric matrices in double-double, and iterative refinement of linear systems.
 //!
-//! A Cholesky factor in `f64` leaves a relative error of about κ²·2⁻⁵³ (κ² is the condition number of the normal
-//! equations). Each double-double residual reduces it by that factor again (Higham, Accuracy and Stability of
-//! Numerical Algorithms, 2nd ed., §12.1), in a tenth of the time of a double-double factor, which serves
-//! ill-conditioned equations.
+//! A Cholesky factor in `f64` leaves a relative error of about κ²·2⁻⁵³, where κ² is the condition number of the normal
+//! equations. Each correction by a double-double residual reduces the error by that factor again (Higham, Accuracy and
+//! Stability of Numerical Algorithms, 2nd ed., §12.1). This takes a tenth of the time of a double-double factor, which
+//! only ill-conditioned equations need.
 
 use faer::linalg::triangular_solve::{
     solve_lower_triangular_in_place, solve_upper_triangular_in_place,
@@ -25,12 +25,12 @@ pub(crate) struct DoubleDoubleMatrix {
 const SMALLEST_PIVOT: f64 = 1.0 / (1u64 << 36) as f64;
 /// Largest accepted ratio of a correction to the previous one.
 const SLOWEST: f64 = 1.0 / 1024.0;
-/// Corrections below this fraction of the solution are skipped.
+/// Refinement ends if the next correction would be below this fraction of the solution.
 const DONE: f64 = 1.0 / (1u128 << 72) as f64;
 const MOST_ROUNDS: usize = 6;
 
 impl DoubleDoubleMatrix {
-    /// Builds the matrix from the upper triangle of integers, row by row, over 2^(row exponent + column exponent).
+    /// Builds the matrix from its upper triangle: integers, row by row, to be divided by 2^(row + column exponent).
     pub(crate) fn new(upper: impl Iterator<Item = i128>, exponents: &[i32]) -> Self {
         let size = exponents.len();
         let mut scaled = vec![DoubleDouble::ZERO; size * (size + 1) / 2];
@@ -194,7 +194,7 @@ impl Bordered {
 }
 
 vectorised! {
-    /// Factors in place; leaves `D − BᵀA⁻¹B` in the corner. The error is the column that is not positive definite.
+    /// Factors in place and leaves `D − BᵀA⁻¹B` in the corner. The error is the first column without a positive pivot.
     pub(crate) fn factor(a: &mut Bordered) -> Result<(), usize> {
         let width = a.width;
         for k in 0..a.size {

@@ -1,7 +1,7 @@
 //! Fits without some of the rows, and their errors on those rows, from sums alone.
 //!
-//! Let `A = XᵀX`, `B = XᵀW`, `D = WᵀW` over all rows, and `A_g`, `B_g`, `D_g` over a part. The fit without it solves
-//! `(A − A_g)·C = B − B_g`, and its squared errors on the part are
+//! Let `A = XᵀX`, `B = XᵀW`, `D = WᵀW` over all rows, and `A_g`, `B_g`, `D_g` over a part g. The fit without the part
+//! solves `(A − A_g)·C = B − B_g`, and its squared errors on the part are
 //!
 //! ```text
 //! diag(D_g − 2·CᵀB_g + CᵀA_g·C)
@@ -12,10 +12,10 @@
 //! `t = (√D_g + Σ_j |C_j|·√A_g[j][j])²`, and its rounding error is below `p·2⁻⁹⁸·t` for p features: cancellation would
 //! have to cost 20 digits before the tenth digit was wrong.
 //!
-//! For the [scatter](crate::sandwich) of coefficients over groups, `K_g` and `u_g` come from `A_g` and the scores
-//! `s_g = B_g − A_g·C`, which cancel and are in double-double; the rest is in `f64`, with a relative error of about
-//! κ(X)²·2⁻⁵³ in a variance. With the covariance `T·Tᵀ` of the coefficients, these contribute `tr(TᵀA_gT)/n` to the
-//! mean prediction variance over the rows of a group.
+//! The [scatter](crate::sandwich) of coefficients over groups needs `K_g` and `u_g`, which come from `A_g` and the
+//! scores `s_g = B_g − A_g·C`. Scores cancel, so they are in double-double. The rest is in `f64`, with a relative error
+//! of about κ(X)²·2⁻⁵³ in a variance. If `T·Tᵀ` is the covariance of the coefficients, they contribute `tr(TᵀA_gT)/n`
+//! to the mean prediction variance over the n rows of a group.
 
 use super::double_double_matrix::{
     AxisRow, DoubleDoubleMatrix, ElementLanes, LANES, axis_row, residual_of,
@@ -57,8 +57,8 @@ impl<'a> PartitionedSums<'a> {
         self.scales.part(moments)
     }
 
-    /// Fits all rows except those of `moments`, whose converted sums are `part`, and returns the errors on those
-    /// rows. `ridge` is as in [`ExactSums::solve`], relative to the mean of all rows.
+    /// Fits all rows except those of `moments`, and returns the errors on these. `part` must be [`Self::part`] of
+    /// `moments`. `ridge` is as in [`ExactSums::solve`], for readings relative to the mean of all rows.
     ///
     /// # Errors
     /// [`FitError`] if the other rows do not determine the coefficients.
@@ -104,7 +104,7 @@ vectorised! {
         for (a, c) in coefficients.iter().enumerate() {
             let (row, rest) = gram.split_at(columns.len() - a);
             gram = rest;
-            // B_a − A_aa·C_a / 2 − Σ_{b>a} A_ab·C_b: half of what the terms of `a` subtract.
+            // B_a − A_aa·C_a / 2 − Σ_{b>a} A_ab·C_b: half of the amount that the terms of `a` subtract.
             let mut half = ElementLanes::new(&part.right[a]);
             for (b, &element) in (a..).zip(row) {
                 let up = if a == b { 1 } else { 0 };
@@ -123,7 +123,7 @@ vectorised! {
     }
 }
 
-/// Sums over a part of the rows, in the units of the total. As large as the normal equations.
+/// Sums over a part of the rows, in the units of the total. They are as large as the normal equations.
 #[derive(Debug)]
 pub struct PartSums {
     pub(crate) rows: u64,
@@ -135,7 +135,7 @@ pub struct PartSums {
     pub(crate) squares: AxisRow,
 }
 
-/// Origin, and exponents of two for columns and axes; zero for an all-zero one.
+/// Origin of the readings, and exponents of two that scale columns and axes; zero for a column or axis of zeros.
 #[derive(Clone, Debug)]
 pub(crate) struct EquationScales {
     pub(crate) terms: Vec<Term>,
@@ -148,8 +148,8 @@ pub(crate) struct EquationScales {
 }
 
 impl EquationScales {
-    /// Chooses the origin, with an intercept the rounded mean of each channel, and as scales the powers of two just
-    /// above the norms.
+    /// Chooses origin and scales. The origin is the rounded mean of each channel, or zero without an intercept. The
+    /// scales are the powers of two just above the norms.
     ///
     /// # Errors
     /// [`FitError`] if the features of `model` were not summed, or for zero rows.
@@ -239,7 +239,7 @@ impl EquationScales {
             HeldOutErrors {
                 rows: part.rows,
                 sum: sums[axis].to_f64() * unit,
-                // With no error left, rounding may make it negative.
+                // Rounding may make a sum negative that should be zero.
                 squares: (squares[axis].to_f64() * unit).max(0.0) * unit,
             }
         })
@@ -277,7 +277,7 @@ impl ExactFit {
         self.scales.errors(&self.scales.part(rows), &self.counted_coefficients())
     }
 
-    /// Scatter of the coefficients over `groups` that are all fitted rows, without the bias from the ridge.
+    /// Scatter of the coefficients over `groups`, which together are all fitted rows; without the bias from the ridge.
     ///
     /// # Errors
     /// [`FitError`] if one group alone determines a coefficient, or all groups do not determine it.
@@ -288,7 +288,7 @@ impl ExactFit {
     ) -> Result<GroupScatter, FitError> {
         let ratios: Vec<f64> = self.feature_ratios.iter().map(|s| s.to_f64()).collect();
         let factor = UpperTriangle::new(&self.solution.factor);
-        // Each row belongs to a feature: convert from features of the fit to features of counted readings.
+        // Row i of the factor belongs to feature i. Convert it from the feature of the fit to that of counted readings.
         let mut counted = factor.clone();
         for (i, ratio) in ratios.iter().enumerate() {
             counted.row_mut(i).iter_mut().for_each(|x| *x *= ratio);
@@ -314,7 +314,7 @@ impl ExactFit {
         sums.finish(&factor)
     }
 
-    /// Mean prediction variance over the rows of each group from this `scatter`, squares of N and N·m.
+    /// Mean prediction variance over the rows of each group, from `scatter`, in N² and (N·m)².
     pub(crate) fn variances(
         &self,
         scatter: &GroupScatter,

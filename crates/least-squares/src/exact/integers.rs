@@ -3,7 +3,7 @@ use num_traits::{Float, ToPrimitive, Zero};
 
 use crate::double_double::DoubleDouble;
 
-/// In lowest terms: at least one is odd, or all are zero and the exponent is 0.
+/// Integers times a power of two, in lowest terms: one or more is odd, or all are zero and the exponent is 0.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ScaledIntegers {
     pub(crate) exponent: i32,

@@ -26,7 +26,7 @@ const MAX_DEGREE: usize = 6;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct Monomial {
-    /// Channels in ascending order from 1, padded in front with zeros for the empty factor.
+    /// Channels in ascending order, counted from 1. Zeros in front of them stand for factors of one.
     factors: [u8; MAX_DEGREE],
 }
 
@@ -71,16 +71,16 @@ pub(crate) struct ShiftStep {
     exponent: usize,
 }
 
-/// Order of the sums of monomials: one (the number of rows), features, then each group's products, left by left.
+/// Order of the sums: ones (the number of rows), features, then the products of each group by left operand.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct SumLayout {
-    /// Without the constant, in the order of the model.
+    /// Features without the constant, in the order of the model.
     pub(crate) features: Vec<Term>,
     pub(crate) recipe: Vec<Recipe>,
     pub(crate) groups: Vec<ProductGroup>,
     monomials: Vec<Monomial>,
     index: HashMap<Monomial, usize>,
-    /// Steps of each channel, for all sums and for one and the features only.
+    /// Steps of each channel: first for all sums, then for the sums of ones and features alone.
     steps: Vec<(Vec<ShiftStep>, Vec<ShiftStep>)>,
 }
 
@@ -112,7 +112,7 @@ impl SumLayout {
         Self { recipe: recipe(&features), features, groups, monomials, index, steps }
     }
 
-    /// Includes the number of rows.
+    /// Number of sums, including the number of rows.
     pub(crate) fn sums(&self) -> usize {
         self.monomials.len()
     }
@@ -140,15 +140,15 @@ impl SumLayout {
         }
     }
 
-    /// Moves the origin of every channel by `by` in sums of an axis, or a digit of it, times one and each feature.
+    /// Moves the origin of every channel by `by` in sums of an axis, or of a digit of it, with one and each feature.
     pub(crate) fn move_features(&self, sums: &mut [i128], by: &[i64]) {
         for ((_, steps), &by) in self.steps.iter().zip(by) {
             shift(sums, steps, by);
         }
     }
 
-    /// Moves the origin of every channel by `by`, below 2¹⁶, in sums of one and the features times some quantity.
-    /// Each digit moves alone, multiplied by less than `(1 + 2¹⁶)³`: no carry is needed.
+    /// Moves the origin of every channel by `by`, below 2¹⁶, in the sums of some quantity with one and each feature.
+    /// Each digit moves by itself and grows by a factor below `(1 + 2¹⁶)³`, so no carry is needed.
     pub(crate) fn moved_features(&self, sums: &[BigInt], by: &[i64]) -> DigitPlanes {
         let mut planes = digit_planes(sums);
         planes.iter_mut().for_each(|plane| self.move_features(plane, by));
@@ -187,7 +187,7 @@ fn shift(values: &mut [i128], steps: &[ShiftStep], by: i64) {
     }
 }
 
-/// Blocks for powers up to the third: of one channel, and products of powers of two channels.
+/// Blocks for powers up to the third: products of powers of one channel, and of powers of two channels.
 fn powers(channels: usize) -> Vec<ProductGroup> {
     (0..channels)
         .flat_map(|i| {
@@ -200,13 +200,13 @@ fn powers(channels: usize) -> Vec<ProductGroup> {
         .collect()
 }
 
-/// Blocks for powers up to the third of each channel and products of two channels: those of [`powers`] but the
-/// products, which are features here, and the products of these with powers and with each other.
+/// Blocks for features that are powers up to the third and products of two channels. They are the blocks of [`powers`]
+/// without the products that are features here, and the products of these with powers and with each other.
 fn powers_and_products(channels: usize) -> Vec<ProductGroup> {
     let n = channels;
     let power = |channel: usize, exponent: usize| 3 * channel + exponent - 1;
-    // Position of the feature of channels j < k, after the powers, lexicographic; channel j has `pair(j, j +
-    // 1)..pair(j + 1, j + 2)`.
+    // Position of the product of channels j < k: after the powers, in lexicographic order. The products that begin with
+    // channel j are at `pair(j, j + 1)..pair(j + 1, j + 2)`.
     let pair = |j: usize, k: usize| 3 * n + j * (2 * n - j - 1) / 2 + k - j - 1;
     let end = pair(n, n + 1);
     let mut groups = Vec::new();

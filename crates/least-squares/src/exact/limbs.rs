@@ -7,8 +7,8 @@
 //! 2^(width−1) · largest right operand · ROWS ≤ 2⁵³
 //! ```
 //!
-//! by the cheaper of two ways: whole right operands and left limbs narrow enough for them, or limbs
-//! of one width for all operands and the wrench.
+//! Two ways satisfy this, and the cheaper is used: whole right operands with left limbs narrow enough for them, or
+//! limbs of one width for all operands and the wrench.
 
 use num_traits::Float;
 
@@ -19,7 +19,7 @@ use super::layout::SumLayout;
 /// features of degree three fit in a cache of 512 kB.
 pub(crate) const ROWS: usize = 256;
 
-/// Bits available to a product: those of an exact sum less those that a block of rows needs.
+/// Bits available to a product: the bits of an exact sum, less those that adding up a block of rows needs.
 const BITS: u32 = f64::MANTISSA_DIGITS - ROWS.ilog2();
 
 /// Width of the wrench limbs that are multiplied with each other: `2·(WIDTH − 1) ≤ BITS`.
@@ -28,7 +28,7 @@ pub(crate) const SQUARE_WIDTH: u32 = BITS / 2 + 1;
 /// Largest distance between a reading and its centre: half the range of 16 bits.
 pub(crate) const MAX_DISTANCE: u32 = 1 << 15;
 
-/// A way to cut features: width of the limbs, and number of limbs by degree from 0 to 3.
+/// Division of features into limbs: the width of the limbs, and their number for each degree from 0 to 3.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Cut {
     pub(crate) width: u32,
@@ -47,8 +47,8 @@ pub(crate) struct FeatureLimbs {
 }
 
 impl FeatureLimbs {
-    /// Chooses the cheapest way for distances up to `distance` and these places, with free room for
-    /// a quarter more.
+    /// Chooses the cheapest way for distances up to `distance` and these places of the wrench. Allows a quarter more
+    /// distance if that costs nothing.
     pub(crate) fn new(distance: u32, layout: &SumLayout, wrench: &[BinaryPlaces]) -> Self {
         let cheapest = |distance: u32| {
             let distance = distance.clamp(1, MAX_DISTANCE);
@@ -64,7 +64,7 @@ impl FeatureLimbs {
         if roomy_cost == cost { roomy } else { exact }
     }
 
-    /// Features of the highest degree stay whole on the right, with left limbs narrow enough.
+    /// Keeps right operands whole, up to the highest degree, with left limbs narrow enough for them.
     fn whole_on_the_right(largest: u32, degree: u32) -> Option<Self> {
         let right_bits = bits_of_power(largest, degree);
         let width = BITS.checked_sub(right_bits)? + 1;
@@ -93,7 +93,7 @@ impl FeatureLimbs {
         (BITS - self.right_bits + 1).min(SQUARE_WIDTH)
     }
 
-    /// Cost of a row in products: of features and wrench, and the cutting of the wrench.
+    /// Cost of a row, counted in products: products of features and wrench, and the cutting of the wrench.
     fn cost(&self, layout: &SumLayout, wrench: &[BinaryPlaces]) -> usize {
         const CUT: usize = 5;
         let count = |cut: &Cut, f: usize| cut.counts[layout.features[f].factors().len()];
@@ -155,11 +155,10 @@ impl BinaryPlaces {
         Self { low: self.low.min(other.low), high: self.high.max(other.high) }
     }
 
-    /// Limbs of the given width that cover these places; `None` for too many places. Spare places
-    /// go above, one or two for larger loads, and below, where the last place of a number near zero
-    /// is far down.
+    /// Limbs of the given width that cover these places; `None` for too many places. Up to two spare places go above,
+    /// for larger loads. The others go below: the last place of a number near zero is far down.
     pub(crate) fn limbs(self, width: u32) -> Option<Limbs> {
-        /// Most places: more are slower than other solvers and need more exponents than `f64` has.
+        /// Maximum number of places. More are slower than other solvers, and need more exponents than `f64` has.
         const MOST_PLACES: i32 = 256;
         const LOWEST_UNIT: i32 = -960;
         if self.low > self.high {
@@ -191,7 +190,7 @@ impl Limbs {
         Self { unit: 0, width, count }
     }
 
-    /// Cuts a column into `count` columns, lowest limb first. Returns true if these add up to it.
+    /// Cuts a column into `count` columns, lowest limb first. Returns true if the limbs add up to the column.
     #[inline(always)]
     pub(crate) fn cut(self, column: &[f64], out: &mut [f64]) -> bool {
         let Limbs { unit, width, count } = self;

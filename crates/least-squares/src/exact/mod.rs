@@ -7,8 +7,8 @@
 //! to its mean, still exactly, and solves in double-double, whose extra digits replace those that
 //! forming `XᵀX` can cost. Integer arithmetic decides the rank, not a tolerance.
 //!
-//! Readings with fractions finer than 1/256 that are not short decimals, and wrenches that span
-//! more than 250 binary places on an axis, give an [`ExactError`]: use another solver.
+//! Readings with fractions finer than 1/256 that are not short decimals, and wrenches that span more than 255 binary
+//! places on an axis, give an [`ExactError`]: use another solver.
 
 mod accumulator;
 mod block_sums;

@@ -11,18 +11,18 @@ use super::limbs::{FeatureLimbs, Limbs, SQUARE_WIDTH};
 use super::product_sums::ExactSums;
 use crate::model::Basis;
 
-/// Centre, limbs, and columns for a block of rows. Features: the right operands (ones, then the
-/// features), then, group by group, the left operands that are not among these. Wrench: the limbs
-/// that are multiplied with each other, axis by axis, then the limbs for features only, then ones.
+/// Centre, limbs, and columns for a block of rows. Columns of features are the right operands (ones, then the
+/// features), then, group by group, the left operands that are not right operands too. Columns of the wrench are the
+/// limbs to multiply with each other, axis by axis, then the limbs to multiply with features only, then ones.
 #[derive(Debug, PartialEq)]
 pub(crate) struct SummationPlan {
     pub(crate) centre: Vec<i64>,
     pub(crate) features: FeatureLimbs,
-    /// First right operand of each feature, and the end of all.
+    /// Position of the first right operand of each feature, then the end of the last one.
     pub(crate) firsts: Vec<usize>,
     /// Ones, then the limbs of the features.
     pub(crate) rights: Vec<LimbColumn>,
-    /// Left operands that are not right operands, and products, by group of the layout.
+    /// Left operands that are not right operands, and the columns to multiply, for each group of the layout.
     pub(crate) groups: Vec<(Vec<LimbColumn>, Operands)>,
     /// Limbs of each axis that are multiplied with limbs of other axes.
     pub(crate) squares: Vec<Limbs>,
@@ -30,7 +30,7 @@ pub(crate) struct SummationPlan {
     pub(crate) cross: Option<Vec<Limbs>>,
 }
 
-/// Column of ones, or limb of a feature, which is the sum of its limbs times 2^shift.
+/// Column of ones, or limb of a feature. A feature is the sum of its limbs, each times 2^`shift`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct LimbColumn {
     /// The position in the layout of the sums: 0 for ones, then the features.
@@ -117,7 +117,7 @@ impl SummationPlan {
     }
 }
 
-/// Blocks for exact pairs of sums: `2^25·2^26 < 2^53`, and multiples of 2²⁶ below `2^53·2^26`.
+/// Maximum number of blocks with exact sums: `low` stays below `2^25·2^26 < 2^53`, `high` below `2^53·2^26`.
 pub(crate) const MOST_BLOCKS: u64 = 1 << 26;
 
 /// Sums in progress: a pair of numbers for each product of columns.
@@ -126,8 +126,8 @@ pub(crate) struct OpenSums {
     pub(crate) plan: Arc<SummationPlan>,
     pub(crate) rows: u64,
     pub(crate) blocks: u64,
-    /// Multiples of 2²⁶. Order: the groups; wrench limbs and ones with ones and features; wrench
-    /// limbs with each other.
+    /// Multiples of 2²⁶. Order: products of features by group, products of wrench limbs and ones with ones and
+    /// features, products of wrench limbs with each other.
     pub(crate) high: Vec<f64>,
     pub(crate) low: Vec<f64>,
 }

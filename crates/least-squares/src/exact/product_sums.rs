@@ -11,23 +11,22 @@ use crate::model::Basis;
 use crate::reading_ranges::{ReadingRange, ReadingRanges};
 use shell_data::wrench::PerAxis;
 
-/// Exact sums over rows of products of readings and wrench, enough for a fit of a basis or of a
-/// smaller one within it. Equal rows give equal sums, however they were ordered, split and merged.
+/// Exact sums, over rows, of products of readings and wrench. They suffice to fit a basis or a smaller one within it.
+/// Equal rows give equal sums, however the rows were ordered, split and merged.
 ///
-/// Sums are relative to the origin of the readings, modulo 2¹²⁸, which arithmetic on the way does
-/// not exceed: with at most [`MAX_ROWS`] rows and readings below 2¹⁶, a sum is below 2³⁰·2⁹⁶ =
-/// 2¹²⁶.
+/// Readings are relative to zero. Arithmetic is modulo 2¹²⁸, which loses nothing: with at most [`MAX_ROWS`] rows and
+/// readings below 2¹⁶, a sum is below 2³⁰·2⁹⁶ = 2¹²⁶.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExactSums {
     pub(crate) basis: Basis,
     pub(crate) layout: Arc<SumLayout>,
     pub(crate) rows: u64,
     pub(crate) channels: Vec<ChannelRange>,
-    /// Monomials of the scaled readings, in the order of the layout.
+    /// Sums of the monomials of counted readings, in the order of the layout.
     pub(crate) readings: Vec<i128>,
-    /// Wrench times one and times each feature, for each axis.
+    /// Sums of the wrench times one and times each feature, for each axis.
     pub(crate) wrench: [ScaledIntegers; 6],
-    /// Two axes: Fx·Fx, Fx·Fy, …, Mz·Mz.
+    /// Sums of products of two axes: Fx·Fx, Fx·Fy, …, Mz·Mz.
     pub(crate) squares: Vec<ScaledIntegers>,
 }
 
@@ -175,7 +174,7 @@ impl ExactSums {
         }
     }
 
-    /// Sums of readings, and for each axis of wrench times readings, about `origin`.
+    /// Sums of readings, and of each axis of the wrench times features, with the origin moved to `origin`.
     pub(crate) fn about(&self, origin: &[i64]) -> (Vec<i128>, PerAxis<DigitPlanes>) {
         let moved = |axis: &ScaledIntegers| self.layout.moved_features(&axis.values, origin);
         (self.readings_about(origin), self.wrench.each_ref().map(moved))

@@ -1,6 +1,6 @@
-//! Linear dependence of features, decided by symmetric elimination modulo the prime 2⁶¹ − 1. A
-//! minor that is nonzero modulo a prime is nonzero, so the pivots prove rank. A pivot of zero is
-//! zero but for a probability near 2⁻⁶¹; the resulting relations are checked in exact integers.
+//! Linear dependence of features, decided by symmetric elimination modulo the prime 2⁶¹ − 1. A minor that is nonzero
+//! modulo a prime is nonzero, so nonzero pivots prove the rank. A pivot that is zero modulo the prime is truly zero,
+//! except with a probability near 2⁻⁶¹. The resulting relations are checked in exact integers.
 
 use num_bigint::BigInt;
 use num_traits::Zero;
@@ -10,9 +10,8 @@ use super::product_sums::ExactSums;
 use crate::model::Term;
 use crate::rank_loss::{RankLoss, Relation};
 
-/// Loss of rank; `None` if the features are independent, which is certain. Dependence is certain
-/// where its relation is [`Relation::exact`], and otherwise wrong with a probability near 2⁻⁶¹ per
-/// feature.
+/// Loss of rank. `None` if the features are independent, which is then certain. A dependence is certain if its relation
+/// is [`Relation::exact`]; otherwise it is wrong with a probability near 2⁻⁶¹ per feature.
 pub(crate) fn rank_loss(moments: &ExactSums, scales: &EquationScales) -> Option<RankLoss> {
     let EquationScales { terms: model_terms, positions, .. } = scales;
     let size = model_terms.len();
@@ -107,7 +106,7 @@ fn negative(a: u64) -> u64 {
     if a == 0 { 0 } else { PRIME - a }
 }
 
-/// Fermat's little theorem: `a^(p − 2)`.
+/// Inverse by Fermat's little theorem: `a^(p − 2)`.
 fn inverse(a: u64) -> u64 {
     let (mut power, mut result, mut exponent) = (a, 1, PRIME - 2);
     while exponent > 0 {

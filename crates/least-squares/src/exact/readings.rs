@@ -1,10 +1,10 @@
-//! The unit in which the readings of a channel are integers, and their range. A finite binary or
-//! decimal fraction is an integer over `2^twos·5^fives`; the common unit is the same in any order
-//! of rows: averages of sixteen conversions count in sixteenths, decimals in tenths or hundredths.
+//! The unit in which the readings of a channel are integers, and their range. A finite binary or decimal fraction is an
+//! integer over `2^twos·5^fives`: averages of sixteen conversions count in sixteenths, decimals in tenths or
+//! hundredths. The common unit does not depend on the order of the rows.
 
 use shell_data::vectorised;
 
-/// The fraction of a count that all readings are multiples of: 2⁻ᵏ·5⁻ᵐ counts.
+/// Fraction of a count, 2⁻ᵏ·5⁻ᵐ, of which all readings are multiples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct ReadingUnit {
     /// Exponent k of two.
@@ -22,7 +22,7 @@ impl ReadingUnit {
         5u32.pow(self.fives) << self.twos
     }
 
-    /// Number of the finer unit `other` in one of these.
+    /// Number of units of `other`, which is finer, in one unit of `self`.
     pub(crate) fn ratio(self, other: Self) -> u32 {
         other.per_count() / self.per_count()
     }
@@ -36,7 +36,7 @@ impl ReadingUnit {
         f64::from(self.per_count()).log2().round() as i32
     }
 
-    /// Returns true if the unit is not finer than the finest that is ever used.
+    /// Returns true if the unit is not finer than `FINEST`.
     pub(crate) fn is_sane(self) -> bool {
         self.twos <= Self::FINEST.twos && self.fives <= Self::FINEST.fives
     }
@@ -51,7 +51,7 @@ impl ReadingUnit {
         self.count(reading) / f64::from(self.per_count()) == reading
     }
 
-    /// The coarsest unit that suits a column and `known`; `None` if there is none.
+    /// Coarsest unit, not coarser than `known`, in which all readings of a column are integers; `None` without one.
     pub(crate) fn new(column: &[f64], known: Self) -> Option<Self> {
         let suits = |unit: &Self| column.iter().all(|&reading| unit.suits(reading));
         let fives = (known.fives..=Self::FINEST.fives)
@@ -72,11 +72,11 @@ pub(crate) fn count(column: &[f64], unit: ReadingUnit, out: &mut [f64]) {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct ChannelRange {
-    /// Readings are integer multiples of it.
+    /// All readings are integer multiples of this unit.
     pub unit: ReadingUnit,
-    /// In units.
+    /// Lowest reading, in multiples of `unit`.
     pub lowest: i64,
-    /// In units; below `lowest` for zero rows.
+    /// Highest reading, in multiples of `unit`; below `lowest` for zero rows.
     pub highest: i64,
 }
 
@@ -115,7 +115,7 @@ impl ChannelRange {
     }
 }
 
-/// Range of a column, in a unit for it and `known`; or a reading that is no 16-bit integer.
+/// Range of a column, in a unit that suits it and `known`. The error is a reading that is no 16-bit integer.
 pub(crate) fn scan_column(column: &[f64], known: ReadingUnit) -> Result<ChannelRange, f64> {
     if known == ReadingUnit::COUNT {
         let (lowest, highest, integers) = scan_integers(column);
@@ -148,7 +148,7 @@ fn fits(count: f64) -> bool {
 }
 
 vectorised! {
-    /// Smallest and largest value; true if all are integers.
+    /// Returns the smallest and the largest value, and true if all values are integers.
     fn scan_integers(column: &[f64]) -> (f64, f64, bool) {
         /// Adding and subtracting this constant rounds to an integer.
         const ROUND: f64 = 1.5 * (1u64 << 52) as f64;

@@ -1,6 +1,5 @@
-//! File format of exact sums, checked for consistency, because a changed digit could make a fit
-//! wrong or its equations unsolvable. The check rejects all that violates an assumption of later
-//! arithmetic.
+//! File format of exact sums. They are checked for consistency on reading, because a changed digit could make a fit
+//! wrong or its equations unsolvable. The check rejects everything that violates an assumption of later arithmetic.
 
 use num_bigint::{BigInt, Sign};
 use serde::de::Error;
@@ -21,22 +20,22 @@ pub struct StoredSums {
     pub basis: Basis,
     pub rows: u64,
     pub channels: Vec<ChannelRange>,
-    /// Products of readings, one per distinct product.
+    /// Sums of products of readings, one per distinct product.
     pub readings: Vec<String>,
-    /// Products of readings and one axis of the wrench, for each axis present.
+    /// Sums of products of readings and one axis of the wrench, for each axis present.
     pub wrench: Vec<StoredIntegers>,
-    /// Products of two axes, for each pair of axes present.
+    /// Sums of products of two axes, for each pair of axes present.
     pub squares: Vec<StoredIntegers>,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct StoredIntegers {
     pub exponent: i32,
-    /// In decimal.
+    /// Integers in decimal.
     pub values: Vec<String>,
 }
 
-/// Most digits: products of two loads, doubles between 10⁻³⁰⁸ and 10¹⁵, need some 700.
+/// Maximum number of digits. Sums of products of two loads, doubles between 10⁻³⁰⁸ and 10¹⁵, need some 700.
 const MAX_DIGITS: usize = 2_000;
 
 /// Checks the length of an integer, because parsing takes time quadratic in it.
@@ -155,7 +154,7 @@ impl<'de> Deserialize<'de> for ExactSums {
 }
 
 impl ExactSums {
-    /// Returns true if subtracting these from `whole` leaves sums that rows can have.
+    /// Returns true if `whole` minus these sums leaves sums that rows can have.
     pub fn can_be_part_of(&self, whole: &ExactSums) -> bool {
         let within = |(part, whole): (&ChannelRange, &ChannelRange)| {
             let mut both = *whole;
@@ -170,7 +169,7 @@ impl ExactSums {
     }
 
     /// # Errors
-    /// A description of the property that no sums over rows have.
+    /// A description of an impossible property: one that no sums over rows have.
     pub(crate) fn check_possible(&self) -> Result<(), String> {
         if self.rows == 0 {
             return match self.readings.iter().all(|&sum| sum == 0) {

@@ -11,13 +11,13 @@ use shell_data::block::Block;
 
 const MEMORY: usize = 512 << 20;
 
-/// In the order of their first rows.
+/// R factors of groups, in the order of their first rows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FactoredGroups {
     pub groups: Vec<(String, FactoredRows)>,
 }
 
-/// Groups under construction, factored in batches of fixed size: results depend on the order of rows, not on blocks.
+/// Groups under construction. Rows are factored in batches of fixed size, so results do not depend on block lengths.
 #[derive(Debug)]
 pub struct GroupFactors {
     empty: FactoredRows,
@@ -126,13 +126,13 @@ impl FactoredGroups {
         Ok(Self { groups: labels.into_iter().zip(factored).collect() })
     }
 
-    /// `None` if there are none.
+    /// R factor of all groups together; `None` if there are no groups.
     pub fn total(&self) -> Option<FactoredRows> {
         FactoredRows::merged(self.groups.iter().map(|(_, rows)| rows))
     }
 
-    /// Merges all others of each group; `None` with fewer than two. Nothing is subtracted, and no group is merged
-    /// more than four times.
+    /// Merges, for each group, all other groups; `None` with fewer than two. Nothing is subtracted, and there are fewer
+    /// than three merges per group.
     pub fn without_each(&self) -> Option<Vec<FactoredRows>> {
         let merged = |earlier: &FactoredRows, later: &FactoredRows| {
             let mut all = earlier.clone();
@@ -209,7 +209,7 @@ mod tests {
         (solution, groups.finish().unwrap())
     }
 
-    /// Variances of predictions and products of residuals from singular vectors: any condition will do.
+    /// Variances of predictions and products of residuals from singular values, which are accurate for any condition.
     fn dense(x: &Mat<f64>, block: &Block) -> (Vec<Mat<f64>>, Mat<f64>) {
         let (n, svd) = (x.nrows(), x.thin_svd().unwrap());
         let u = svd.U();
@@ -258,7 +258,7 @@ mod tests {
             let groups = FittedGroups::from_factors(&groups, &solution, Workers::ONE).unwrap();
             let found = groups.scatter(true, Workers::ONE).unwrap();
             assert_eq!(found.groups, 40);
-            // Both determine the directions of the features to ε·κ; sums of about a hundred rounding errors.
+            // Both sides find the directions of the features to ε·κ; a hundred covers the sums of rounding errors.
             let tolerance = 100.0 * f64::EPSILON * solution.condition + 1e-12;
             assert!(apart > 1e-9 || solution.condition > 1e9, "{}", solution.condition);
             for axis in 0..6 {

@@ -8,9 +8,9 @@
 //!               | 0  E |
 //! ```
 //!
-//! Then `X_gᵀX_g = RᵀR`, `X_gᵀ(W_g − X_g·C) = Rᵀ(Z − R·C)`, and the products of residuals come from
-//! `Z − R·C` and `E`. No squares are formed or subtracted, so errors grow with the condition number
-//! and not with its square. R factors of groups merge to that of all rows ([`FactoredGroups`]).
+//! For the R factor of a group g, `X_gᵀX_g = RᵀR` and `X_gᵀ(W_g − X_g·C) = Rᵀ(Z − R·C)`. The products of residuals come
+//! from `Z − R·C` and `E`. No squares are formed or subtracted, so errors grow with the condition number and not with
+//! its square. R factors of groups merge to the R factor of all rows ([`FactoredGroups`]).
 //!
 //! Features always include a constant, so an R factor can be changed to another centre. R factors
 //! of separate recordings can therefore be merged, and smaller models are contained in larger ones.

@@ -1,14 +1,14 @@
 //! Ridge parameter by generalised cross-validation (Golub, Heath and Wahba, Technometrics 21, 1979).
 //!
-//! The penalised columns are made orthogonal to the free column, scaled to norm one and factored as `U·S·Vᵀ`. Sums
-//! over singular values then give, for every λ:
+//! The penalised columns are made orthogonal to the free (unpenalised) column, scaled to norm one and factored as
+//! `U·S·Vᵀ`. Sums over singular values then give, for every λ:
 //!
 //! ```text
 //! GCV(λ) = (RSS(λ)/n) / (1 − t(λ)/n)²    t = Σ s²/(s² + λ), and 1 for the free column
 //! RSS(λ) = RSS(0) + Σ (λ/(s² + λ))²·b²   b = UᵀY
 //! ```
 //!
-//! One λ for all columns of `Y` minimises the sum of the logarithms of their GCV, which has no units.
+//! All columns of `Y` share one λ. It minimises the sum of the logarithms of their GCV; units do not affect it.
 
 use faer::Mat;
 
@@ -18,7 +18,7 @@ const PER_DECADE: usize = 8;
 /// Range of the exponents of λ, relative to the largest squared singular value.
 const RANGE: (f64, f64) = (-20.0, 4.0);
 
-/// Zero at the lower end of the search.
+/// Best λ; zero if the best is at the lower end of the search.
 pub(super) fn lambda(
     r_factor: &RFactor,
     free_column: Option<usize>,
@@ -50,7 +50,7 @@ fn criterion(
     if !r.is_all_finite() || !z.is_all_finite() {
         return Err(LeastSquaresError::NotFinite);
     }
-    // The free column comes first: the rows below its own are then orthogonal to it.
+    // The free column comes first; the rows below the first are then orthogonal to it.
     let order: Vec<usize> =
         free_column.into_iter().chain((0..p).filter(|&j| Some(j) != free_column)).collect();
     let moved = Mat::from_fn(p, p, |i, j| r[(i, order[j])]);

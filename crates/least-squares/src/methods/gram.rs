@@ -12,7 +12,7 @@ use crate::vectors::lower_product;
 pub(super) struct Gram {
     shape: Shape,
     rows: u64,
-    /// Number of chunks and merges so far. Each rounds a sum once.
+    /// Number of chunks so far: at most so many additions have rounded each sum.
     additions: u64,
     products: Mat<f64>,
 }
@@ -48,10 +48,10 @@ impl Gram {
 
     /// Solves by Cholesky factorisation with columns scaled to norm one.
     ///
-    /// Success does not prove full rank. The elements of the scaled matrix have errors of at most
-    /// (r + a)·2⁻⁵³, with r rows to a chunk and a additions of chunks (Higham, Accuracy and
-    /// Stability of Numerical Algorithms, 2nd ed., §3.1), its eigenvalues of at most p times that
-    /// (Weyl). A smallest eigenvalue not well above this bound is an error.
+    /// Success does not prove full rank. The elements of the scaled matrix have errors of at most (r + a)·2⁻⁵³, with r
+    /// rows to a chunk and a additions of chunks (Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed.,
+    /// §3.1). The eigenvalues have errors of at most p times that (Weyl). It is an error if the smallest eigenvalue is
+    /// not well above this bound.
     pub(super) fn solve(&self, ridge: Ridge) -> Result<LeastSquares, LeastSquaresError> {
         let Shape { features: p, outputs: q } = self.shape;
         ridge.check(self.rows, p, self.products.is_all_finite())?;

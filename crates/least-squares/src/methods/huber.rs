@@ -23,20 +23,20 @@ use std::ops::Range;
 const CLIP: f64 = 1.345;
 /// The third quartile of the standard normal distribution.
 const QUARTILE: f64 = 0.674_489_750_196_081_7;
-/// Maximum number of passes over many rows. Few rows can determine their own residuals, which shortens steps: they
-/// are allowed more passes of the same total cost.
+/// Maximum number of passes over many rows. Few rows can determine their own residuals, which shortens the steps. They
+/// are allowed more passes, of the same total cost.
 const MOST_PASSES: usize = 500;
 const MANY: u64 = 100_000;
 const MOST_SHORT_PASSES: usize = 20_000;
-/// Last step, as a share of the standard errors and of σ. The remaining distance is at most some ten times larger.
+/// Size of the last step, in standard errors and in σ. The remaining distance is at most some ten times larger.
 const STEP: f64 = 1e-8;
-/// Number of passes after which steps of σ that reverse are shortened.
+/// Number of passes after which steps of σ are shortened if they reverse.
 const FREE_PASSES: usize = 20;
 /// Factor that shortens a reversed step of σ, its lower limit, and factor that lengthens it again.
 const SHORTER: f64 = 0.7;
 const SHORTEST: f64 = 0.02;
 const LONGER: f64 = 1.1;
-/// Most rows for which all sizes are kept for the median; of more rows, those within [`NEAR`] of the last one.
+/// Maximum number of rows for which all sizes are kept; for more, only sizes within [`NEAR`] of the last median are.
 const ALL_KEPT: u64 = 10_000;
 const NEAR: f64 = 0.01;
 /// Rounding error of sums over rows, relative to their terms.
@@ -64,7 +64,7 @@ struct Clipping {
     /// σ·k of each column of `Y`.
     clip: Vec<f64>,
     unit: Vec<f64>,
-    /// The range in which all sizes are kept, in those units.
+    /// Range in which all sizes are kept, in multiples of `unit`.
     near: Vec<Range<f64>>,
 }
 
@@ -97,7 +97,7 @@ impl<'a> Clipped<'a> {
         }
     }
 
-    /// Median size of a column's residuals, or mean of the middle two; `false` if it is from the histogram.
+    /// Median size of a column's residuals (mean of the middle two if even); `false` if it is from the histogram.
     fn median(&mut self, a: usize, rows: u64) -> (f64, bool) {
         let (kept, below) = (&mut self.kept[a], self.below[a]);
         let position = |rank: u64| rank.checked_sub(below).map(|position| position as usize);
@@ -200,7 +200,7 @@ pub(super) fn solve<R: RowSource>(rows: &mut R, ridge: Ridge) -> Result<LeastSqu
         }
         let inner = solved.factor.transpose() * &gradient;
         let step = &solved.factor * &inner;
-        // Mean of ψ', the share of full weights. Above 1/2, a step lengthened by its inverse is sure to improve.
+        // Mean of ψ': the share of unclipped rows. Above 1/2, a step lengthened by its inverse is certain to improve.
         let share = |a: usize| inside[a] as f64 / n;
         let mut settled = true;
         for a in 0..q {

@@ -1,8 +1,8 @@
 //! Dense linear least squares, `min ‖X·C − Y‖`, by a family of methods over one stream of rows.
 //!
-//! Rows come in chunks `[X | Y]`, with elements of `X` in double-double where `f64` would round them ([`RowChunk`]).
-//! A [`Reduction`] is what a pass computes, in memory that does not grow with the rows. A [`RowSource`] can be passed
-//! over as often as needed:
+//! Rows come in chunks `[X | Y]`, with elements of `X` in double-double where `f64` would round them ([`RowChunk`]). A
+//! [`Reduction`] is the result of a pass; its memory does not grow with the rows. A [`RowSource`] allows any number of
+//! passes:
 //!
 //! | method | passes | memory | relative error of the coefficients, about |
 //! | --- | --- | --- | --- |
@@ -49,8 +49,8 @@ pub enum SolverKind {
     Tsqr,
     /// Householder QR, corrected by residuals in double-double: two passes or more.
     RefinedTsqr,
-    /// QR with column pivoting of the R factor of [`SolverKind::Tsqr`], whose columns have the angles of those of
-    /// `X`.
+    /// QR with column pivoting of the R factor of [`SolverKind::Tsqr`], whose columns have the lengths and angles of
+    /// those of `X`.
     PivotedQr,
     /// Singular values of the R factor, which are the singular values of `X`.
     Svd,
@@ -70,7 +70,7 @@ pub enum SolverKind {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Method {
     pub solver: SolverKind,
-    /// For [`SolverKind::Svd`]: drops singular values, with columns of norm one, below this fraction of the largest.
+    /// For [`SolverKind::Svd`], with columns of norm one: drops singular values below this fraction of the largest.
     pub truncate: Option<f64>,
 }
 
@@ -95,7 +95,7 @@ impl SolverKind {
         NAMES[self as usize].1
     }
 
-    /// Replacement, with equal digits at lower cost, of a solver that only serves as a reference in tests.
+    /// Solver to use instead of one that only serves as a reference in tests: equal digits at lower cost.
     pub const fn instead(self) -> Option<Self> {
         match self {
             Self::RefinedTsqr | Self::Gram | Self::WideGram | Self::WideTsqr => Some(Self::Exact),
@@ -128,7 +128,7 @@ const NAMES: [(&str, &str); 10] = [
 /// With [`SolverKind::RidgeGcv`], `ridge` only determines the column that is not penalised.
 ///
 /// # Errors
-/// [`LeastSquaresError`] if the rows do not determine the coefficients, or not for this method; the errors of `rows`.
+/// [`LeastSquaresError`] if the rows, or this method with them, do not determine the coefficients; errors of `rows`.
 pub fn solve<R: RowSource>(
     rows: &mut R,
     method: Method,
@@ -150,8 +150,8 @@ pub fn solve<R: RowSource>(
     Ok((solved, ridge.lambda))
 }
 
-/// [`solve`] from a known R factor, used by singular values and a ridge by GCV; others with equal weights would
-/// differ from QR only by rounding.
+/// Solves from a known R factor: by singular values, by a ridge with GCV, or else by QR. For rows of equal weight, the
+/// results of other least-squares methods would differ only by rounding.
 pub(crate) fn solve_r_factor(
     r_factor: &RFactor,
     method: Method,

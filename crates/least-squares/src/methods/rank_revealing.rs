@@ -25,8 +25,8 @@ pub(super) fn pivoted(r_factor: &RFactor, ridge: Ridge) -> Result<LeastSquares, 
     Ok(with_residuals_of(solved, r_factor))
 }
 
-/// Solves by singular values of the equilibrated R factor, without those below the share `truncate`
-/// of the largest: the shortest vector that fits the other directions, `rank` in number.
+/// Solves by singular values of the equilibrated R factor. Values below the fraction `truncate` of the largest are
+/// dropped. The result is then the shortest vector that fits the other directions, `rank` in number.
 pub(super) fn svd(
     r_factor: &RFactor,
     ridge: Ridge,

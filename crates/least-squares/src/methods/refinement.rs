@@ -28,7 +28,7 @@ struct Gradient<'a> {
 impl Reduction for Gradient<'_> {
     const WIDE: bool = true;
 
-    /// Rows that fit in a core's L2 cache, because each column is used twice.
+    /// Number of rows that fit in a core's L2 cache, because each column is used twice.
     fn chunk_rows(columns: usize) -> usize {
         /// Size of heads and tails, in bytes.
         const BYTES: usize = 1 << 19;
@@ -120,9 +120,8 @@ pub(super) fn solve<R: RowSource>(rows: &mut R, ridge: Ridge) -> Result<LeastSqu
     Err(ill_conditioned.into())
 }
 
-/// Returns true if `contraction` times the last correction of each coefficient is below the
-/// resolution of `f64` or, for a coefficient of zero but rounding, small relative to the others,
-/// with columns of norm one.
+/// Returns true if `contraction` times the last correction of each coefficient is negligible: below the resolution of
+/// `f64` or, if a coefficient is zero except for rounding, small relative to the others (with columns of norm one).
 fn is_settled(
     correction: MatRef<'_, f64>,
     coefficients: &WideMatrix,

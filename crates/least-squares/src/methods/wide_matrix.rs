@@ -1,5 +1,5 @@
-//! Double-double arithmetic: loops over rows, with heads and tails in separate columns, compiled as
-//! in [`vectors`](crate::vectors); small matrices; and the solution from a wide R factor.
+//! Double-double arithmetic. Loops over rows keep heads and tails in separate columns and are compiled as in
+//! [`vectors`](crate::vectors). Also small matrices, and the solution from a wide R factor.
 
 use faer::Mat;
 use pulp::Simd;
@@ -20,7 +20,7 @@ pub(super) fn is_finite(matrix: &WideMatrix) -> bool {
     matrix.col_iter().flat_map(|column| column.iter()).all(|e| e.is_finite())
 }
 
-/// Sums up to the shorter length.
+/// Computes `aᵀb`, up to the shorter length.
 pub(super) fn product(a: &[DoubleDouble], b: &[DoubleDouble]) -> DoubleDouble {
     a.iter().zip(b).map(|(&a, &b)| a * b).sum()
 }
@@ -68,12 +68,11 @@ pub(super) fn solve_transposed(r: &WideMatrix, z: &WideMatrix) -> WideMatrix {
     c
 }
 
-/// Solves the problem reduced to `R`, p × p, with the rows of the ridge, and `Z = QᵀY`, p × q.
+/// Solves the problem given `R` (p × p, including the rows of the ridge) and `Z = QᵀY` (p × q).
 ///
-/// `resolution` is the largest singular value of `R`, with columns of norm one, that rounding may
-/// produce from zero. The smallest one comes from the inverse, with full relative accuracy: a
-/// condition number of 10²⁰ is reported as such. `residual_products` computes `(Y − X·C)ᵀ(Y −
-/// X·C)`, q × q, without the part due to the ridge.
+/// `resolution` is the largest value that rounding may give a zero singular value of `R` with columns of norm one. The
+/// smallest singular value comes from the inverse, with full relative accuracy: a condition number of 10²⁰ is reported
+/// as such. `residual_products` computes `(Y − X·C)ᵀ(Y − X·C)`, q × q, without the part due to the ridge.
 pub(super) fn solve_triangle(
     r: &WideMatrix,
     z: &WideMatrix,
@@ -122,7 +121,7 @@ fn largest_singular_value(m: &WideMatrix) -> Result<f64, LeastSquaresError> {
     Ok(values.first().copied().unwrap_or(1.0))
 }
 
-/// One vector of sums, which hide each other's latency.
+/// Number of parallel sums: they fill a vector and hide the latency of additions.
 pub(super) const LANES: usize = 8;
 
 /// A column in double-double. Empty tails mean zeros.
@@ -222,8 +221,8 @@ impl LaneSums {
     }
 }
 
-/// Computes `xᵀy` by compensated summation (Ogita, Rump and Oishi, SIAM J. Sci. Comput. 26, 2005,
-/// algorithm Dot2), in [`LANES`] sums: as if in double-double and rounded last.
+/// Computes `xᵀy` by compensated summation (Ogita, Rump and Oishi, SIAM J. Sci. Comput. 26, 2005, algorithm Dot2), in
+/// [`LANES`] parallel sums. The result is as accurate as if computed in double-double and rounded last.
 pub(super) fn dot(x: Wide<'_>, y: Wide<'_>) -> DoubleDouble {
     let mut sum = LaneSums::default();
     add_products(std::slice::from_mut(&mut sum), &[x], y);
@@ -237,7 +236,7 @@ vectorised! {
 }
 
 vectorised! {
-    /// Computes `y += c·x`, each element with a relative error of a few 2⁻¹⁰⁵ of `|y| + |c·x|`.
+    /// Computes `y += c·x`. Each element has an error of a few 2⁻¹⁰⁵·(|y| + |c·x|).
     pub(super) fn add_multiple(
         heads: &mut [f64],
         tails: &mut [f64],

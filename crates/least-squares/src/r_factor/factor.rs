@@ -1,9 +1,8 @@
 //! The R factor, and coefficients from it.
 //!
-//! Lanczos iteration finds the extreme singular values (Golub & Van Loan, 4th ed., §10.1), as the
-//! largest eigenvalue of `RᵀR` and of its inverse. Each vector is kept orthogonal to all previous
-//! ones. Some twenty are enough for a polynomial; all singular values would take as long as a
-//! refinement.
+//! Lanczos iteration finds the extreme singular values (Golub & Van Loan, 4th ed., §10.1) from the largest eigenvalues
+//! of `RᵀR` and of its inverse. Each vector is kept orthogonal to all previous ones. Some twenty vectors are enough for
+//! a polynomial. Computing all singular values would take as long as a refinement.
 
 use faer::linalg::{triangular_inverse, triangular_solve};
 use faer::{Mat, MatRef, Par};
@@ -14,7 +13,7 @@ use crate::symmetric::SymmetricMatrix;
 use crate::vectors::{add_multiple, dot};
 
 impl RFactor {
-    /// `R` and `Z` without the rows of `R` that are rounding errors; at most as many as were added.
+    /// `R` and `Z` without the rows in which `R` has only rounding errors; at most as many rows as were added.
     pub fn significant_rows(&self) -> (Mat<f64>, Mat<f64>) {
         let (p, q) = (self.features, self.r.ncols() - self.features);
         // There are p reflections, each with a rounding error relative to the column.
@@ -26,7 +25,7 @@ impl RFactor {
         (r, Mat::from_fn(rows.len(), q, |i, j| self.r[(rows[i], p + j)]))
     }
 
-    /// R factor of the same rows of `X·T`, with `T` = `change`, p × any number of columns.
+    /// R factor of the same rows with `X·T` in place of `X`. `T` is `change`, p × any number of columns.
     pub(crate) fn in_terms_of(&self, change: MatRef<'_, f64>) -> Self {
         let (p, order) = (self.features, self.r.nrows());
         let mut x = Mat::zeros(order, change.ncols());
@@ -35,9 +34,8 @@ impl RFactor {
         Self { rows: self.rows, ..Self::from_rows(&x, &y) }
     }
 
-    /// Solves for the coefficients. Singular values of the equilibrated `R` count as zero if
-    /// rounding may have produced them. A ridge determines those directions, so rank is then only
-    /// reported.
+    /// Solves for the coefficients. Singular values of the equilibrated `R` count as zero if rounding may have produced
+    /// them. With a ridge, which determines these directions, the rank is only reported.
     ///
     /// # Errors
     /// [`LeastSquaresError`] for too few rows, dependent columns without a ridge, nearly dependent
@@ -62,7 +60,7 @@ impl RFactor {
         Ok(solved)
     }
 
-    /// [`RFactor::solve`] with any loss of accuracy: a starting point for refinement.
+    /// Solves like [`RFactor::solve`], but accepts any loss of accuracy: a starting point for refinement.
     pub(crate) fn solve_roughly(&self, ridge: Ridge) -> Result<LeastSquares, LeastSquaresError> {
         let (p, q) = (self.features, self.r.nrows() - self.features);
         ridge.check(self.rows, p, self.r.is_all_finite())?;
@@ -171,7 +169,7 @@ const VECTORS_AT_ONCE: usize = 4;
 
 const SETTLED: f64 = 1e-13;
 
-/// Most columns for which computing all singular values is fast.
+/// Maximum number of columns for which computing all singular values is fast.
 const FEW_COLUMNS: usize = 100;
 
 /// Condition number of an upper triangle, and number of singular values above the fraction
@@ -323,7 +321,7 @@ mod tests {
         let solved =
             least_squares(x.as_ref(), Mat::<f64>::zeros(2, 1).as_ref(), Ridge::NONE).unwrap();
         let expected = (t / 2.0).tan().recip();
-        // The condition number of the condition number is itself: 2000 · 2⁻⁵³.
+        // The relative error of a condition number is about that number times 2⁻⁵³: 2000 · 2⁻⁵³.
         assert!((solved.condition / expected - 1.0).abs() < 1e-11);
     }
 
@@ -463,7 +461,7 @@ mod tests {
             prop_assume!(condition < 1e12);
             if let Some([low, high]) = by_recursion(&r) {
                 prop_assert!((high / largest - 1.0).abs() < 1e-12, "{high} {largest}");
-                // In both methods, rounding gives the smallest an error of some ε of the largest.
+                // In both methods, rounding gives the smallest singular value an error of some ε of the largest.
                 prop_assert!((low / smallest - 1.0).abs() < 1e-12 + 1e-14 * condition, "{low} {smallest}");
             } else {
                 prop_assert!(size > MOST_VECTORS / 2, "not settled: {size} {condition}");

@@ -1,6 +1,6 @@
-//! Householder QR of an R factor with rows below it. faer's QR (0.24) drops a column, and shifts
-//! the later rows, if its part independent of earlier ones is below 16·n·2⁻⁵² of its norm: with a
-//! thousand rows to a block, a silent loss of rank at a condition number of 10¹¹.
+//! Householder QR of an R factor with rows below it. faer's QR (0.24) drops a column, and shifts the later rows, if the
+//! part of the column that is independent of earlier ones is below 16·n·2⁻⁵² of its norm. With a thousand rows to a
+//! block, that is a silent loss of rank at a condition number of 10¹¹.
 
 use std::ops::Range;
 
@@ -53,7 +53,7 @@ impl RFactor {
 
 struct Workspace {
     rows: usize,
-    /// Column-major.
+    /// Elements of the rows, column-major.
     block: Vec<f64>,
     compact: Mat<f64>,
     update: Mat<f64>,

@@ -72,8 +72,8 @@ pub enum LeastSquaresError {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ridge {
-    /// λ ≥ 0: minimises `‖X·C − Y‖² + λ·‖D·C‖²` with the norms `D` of the columns, so λ has no unit and one effect
-    /// for any number of rows.
+    /// λ ≥ 0: the fit minimises `‖X·C − Y‖² + λ·‖D·C‖²` with the norms `D` of the columns. λ therefore has no unit, and
+    /// its effect does not depend on the number of rows.
     pub lambda: f64,
     /// The intercept, which is not penalised.
     pub free_column: Option<usize>,

@@ -1,6 +1,6 @@
 //! Eigenvalues and eigenvectors, by tridiagonalisation and implicit QL steps (Bowdler, Martin, Reinsch & Wilkinson,
 //! Numer. Math. 11, 1968), to a few rounding errors of the largest. Eigenvectors stay a product of Householder
-//! reflections and rotations, cheaper for a few vectors.
+//! reflections and rotations, which is cheaper for a few vectors.
 
 use super::{SymmetricMatrix, add_multiple, product};
 use shell_data::vectorised;
@@ -19,7 +19,7 @@ pub struct Eigen {
 }
 
 impl SymmetricMatrix {
-    /// `None` if the matrix is not finite.
+    /// Eigenvalue decomposition; `None` if the matrix is not finite or an eigenvalue does not converge.
     pub fn eigen(mut self) -> Option<Eigen> {
         let (mut values, mut beside, reflections) = tridiagonal(&mut self);
         let rotations = implicit_ql(&mut values, &mut beside)?;
@@ -46,7 +46,7 @@ impl Eigen {
     }
 }
 
-/// Vectors transformed together: a rotation waits for the one before, so several take no longer than one.
+/// Number of vectors transformed together. A rotation waits for the one before, so several take no longer than one.
 pub(crate) const TOGETHER: usize = 8;
 
 pub(crate) type Lanes = [f64; TOGETHER];
@@ -99,12 +99,12 @@ vectorised! {
     }
 }
 
-/// Turns the diagonal into the eigenvalues; `None` if a value is not finite.
+/// Turns the diagonal into the eigenvalues; `None` if a value is not finite or does not converge.
 fn implicit_ql(diagonal: &mut [f64], beside: &mut Vec<f64>) -> Option<Vec<(usize, f64, f64)>> {
     let size = diagonal.len();
     beside.resize(size, 0.0);
     let mut rotations = Vec::with_capacity(2 * size * size);
-    // Relative to the whole matrix: with low rank, the remaining rounding errors have no digits to converge.
+    // Relative to the whole matrix: if its rank is low, other elements are rounding errors, which do not converge.
     let sums = diagonal.iter().zip(&*beside).map(|(d, e)| d.abs() + e.abs());
     let zero = f64::EPSILON * sums.fold(0.0, f64::max);
     for first in 0..size {
@@ -123,7 +123,7 @@ fn implicit_ql(diagonal: &mut [f64], beside: &mut Vec<f64>) -> Option<Vec<(usize
     diagonal.iter().all(|value| value.is_finite()).then_some(rotations)
 }
 
-/// Wilkinson's shift, on the rows from the first to the last.
+/// One QL step with Wilkinson's shift, on the rows from the first to the last.
 fn ql_step(
     diagonal: &mut [f64],
     beside: &mut [f64],
@@ -164,7 +164,7 @@ pub(super) struct Reflection {
 }
 
 impl Reflection {
-    /// The reflection for a vector, and the remaining first element.
+    /// Reflection for a vector, and the first element of the reflected vector.
     #[inline(always)]
     pub(super) fn new(x: &[f64]) -> (Self, f64) {
         let length = product(x, x).sqrt();

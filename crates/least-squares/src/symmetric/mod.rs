@@ -274,7 +274,7 @@ vectorised! {
         trace
     }
 
-    /// `columns`: the columns of `M`, the last first.
+    /// Computes `T` from the columns of `M`, of which the last comes first.
     fn root_of_columns(columns: &mut [Vec<f64>], rows: usize) -> UpperTriangle {
         let size = columns.len();
         for k in 0..size.min(rows) {

@@ -19,7 +19,7 @@ vectorised! {
     pub(super) fn subtract_squares<S: Simd>(simd: S, from: &mut SymmetricMatrix, vectors: &[Vec<f64>]) {
         let bands = from.size.div_ceil(TILE_COLUMNS);
         let at_once = VECTORS_AT_ONCE.min(vectors.len()).max(1);
-        // A band of columns contains that band of every vector, with zeros beyond the last.
+        // Each band of columns holds these columns of every vector, with zeros beyond the last column.
         let mut packed = vec![[0.0; TILE_COLUMNS]; bands * at_once];
         for of in vectors.chunks(at_once) {
             for (position, x) in of.iter().enumerate() {

@@ -38,22 +38,22 @@ pub struct Covariance {
 #[serde(rename_all = "lowercase")]
 pub enum CoefficientCovariance {
     Rows {
-        /// `F`; multiply `F·Fᵀ` by `S[a][b]`.
+        /// `F`: the covariance of the coefficients of axes a and b is `S[a][b]·F·Fᵀ`.
         factor: TriangularColumns,
     },
     Groups {
         groups: u64,
         #[serde(with = "by_axis")]
         factors: PerAxis<TriangularColumns>,
-        /// Satterthwaite's, of the variance of each coefficient, for all axes; absent in files of earlier versions,
-        /// with a ridge, and for several hundred features.
+        /// Satterthwaite's degrees of freedom of the variance of each coefficient, for all axes. Absent in files of
+        /// earlier versions, with a ridge, and for more than 200 features.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         degrees_of_freedom: Option<Vec<f64>>,
     },
 }
 
 impl Covariance {
-    /// Covariance with independent errors of rows; `None` if there are no more rows than coefficients.
+    /// Covariance if the errors of rows are independent; `None` if there are no more rows than coefficients.
     pub fn from_rows(solution: &Solution) -> Option<Self> {
         let factor = &solution.factor;
         let degrees_of_freedom =
@@ -73,9 +73,9 @@ impl Covariance {
         })
     }
 
-    /// Covariance of the fit of `model` to all rows of `sums`, with errors correlated within its groups; `ridge` as
-    /// in [`ExactSums::solve`](crate::exact::ExactSums::solve). `are_time_blocks`: groups are blocks of time without
-    /// other differences.
+    /// Covariance of the fit of `model` to all rows of `sums`, with errors correlated within its groups. `ridge` is as
+    /// in [`ExactSums::solve`](crate::exact::ExactSums::solve). `are_time_blocks` is true if groups are blocks of time
+    /// that differ in nothing else.
     ///
     /// # Errors
     /// [`FitError`] if there are too few groups, or the model cannot be fitted without one of them.
@@ -90,8 +90,8 @@ impl Covariance {
         let fit = whole.solve(model, ridge)?;
         let (found, groups) = (fit.scatter(&sums.groups, true)?, &sums.groups);
         let intervals = if are_time_blocks {
-            // From the fit to all rows, which one block of time hardly changes: 40 scatters of 39 blocks would take
-            // most of a poly3 fit's time.
+            // The variances come from the fit to all rows, which one block of time hardly changes: 40 scatters of 39
+            // blocks would take most of a poly3 fit's time.
             let (parts, variances) = (sums.partitioned(model)?, fit.variances(&found, groups));
             of_scores(groups.len(), workers, |group| {
                 let errors = errors_on(&parts, &groups[group].1, ridge).ok()?;
@@ -104,8 +104,8 @@ impl Covariance {
         Ok(Self::from_scatter(found, whole.rows(), intervals))
     }
 
-    /// [`Covariance::from_groups`] for other rows and solvers. If groups are blocks of time, `files` lists those held
-    /// out together, such as whole files.
+    /// [`Covariance::from_groups`] for other rows and solvers. If groups are blocks of time, `files` lists the blocks
+    /// that are held out together, such as whole files.
     ///
     /// # Errors
     /// As [`Covariance::from_groups`].
@@ -117,7 +117,8 @@ impl Covariance {
     ) -> Result<Self, FitError> {
         Self::with_intervals(groups, rows, workers, |scatter| match files {
             None => of_scores(groups.count(), workers, |group| groups.score_without(group)),
-            // Rows of one file have more in common than of two. The fit to all rows gives a block's expected error.
+            // Rows of one file are more alike than rows of two. The fit to all rows gives the standard error of a
+            // block.
             Some(files) => {
                 let scores = groups.scores_of_files(files, scatter, workers)?;
                 Some(GroupIntervals::from_files(&scores))

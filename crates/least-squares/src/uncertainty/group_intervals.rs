@@ -1,12 +1,11 @@
 //! Intervals from errors on held-out groups.
 //!
-//! A group is one observation, however many rows it has. The score of a row is its error in
-//! standard errors. Each of G groups has the mass `1/(G + 1)`, spread evenly over its rows; the
-//! rest, for a new group, is at infinity. The quantile of level L covers the score of a row of a
-//! new group with a probability of at least L, for any distribution of errors, if groups are
-//! exchangeable (Lee, Barber & Willett, arXiv:2306.06342, hierarchical conformal prediction; Lei et
-//! al., J. Am. Stat. Assoc. 113, 2018, §2.2 and 5.2, with one row per group). Models trained
-//! without a fold instead of a single group cover nearly the same.
+//! A group is one observation, however many rows it has. The score of a row is its error in standard errors. Each of G
+//! groups has the mass `1/(G + 1)`, spread evenly over its rows. The remaining mass, for a new group, is at infinity.
+//! The quantile of level L covers the score of a row of a new group with a probability of at least L, for any
+//! distribution of errors, if groups are exchangeable (Lee, Barber & Willett, arXiv:2306.06342, hierarchical conformal
+//! prediction; Lei et al., J. Am. Stat. Assoc. 113, 2018, §2.2 and 5.2, with one row per group). Models trained without
+//! a fold, instead of without a single group, give intervals that cover nearly the same.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -161,7 +160,7 @@ fn levels_known(groups: usize) -> Vec<f64> {
     LEVELS.into_iter().filter(|&level| groups_needed(level) <= groups).collect()
 }
 
-/// For each level, in ascending order, the smallest score up to which the scores have that mass.
+/// Smallest score, for each of the ascending levels, up to which the scores have that mass.
 fn quantiles(scores: &[(f64, f64)], levels: &[f64]) -> Vec<f64> {
     let (mut rest, mut mass, mut quantile) = (scores.iter(), 0.0, 0.0);
     let mut of_level = |&level: &f64| {
@@ -175,9 +174,8 @@ fn quantiles(scores: &[(f64, f64)], levels: &[f64]) -> Vec<f64> {
 }
 
 impl GroupIntervals {
-    /// Computes the intervals from the errors of every held-out group in standard errors: magnitude
-    /// of the mean, and scatter around it, assumed normal. Interpolates linearly between the levels
-    /// `k/(G + 1)`; omits higher ones.
+    /// Computes the intervals from the errors of every held-out group in standard errors: magnitude of the mean, and
+    /// scatter around it, assumed normal. Interpolates linearly between the levels `k/(G + 1)`; omits higher levels.
     pub fn from_groups(scores: &[GroupScore]) -> Self {
         let groups = scores.len();
         let mut levels = levels_known(groups);

@@ -36,9 +36,9 @@ pub enum NoIntervals {
 /// Error sizes relative to their root mean square.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ErrorShape {
-    /// Ascending, above 0 and below 1.
+    /// Levels in ascending order, above 0 and below 1.
     pub levels: Vec<f64>,
-    /// Size below which that fraction lies, for each axis and level.
+    /// Size below which that fraction of the errors lies, for each axis and level.
     #[serde(with = "shell_data::by_axis")]
     pub quantiles: PerAxis<Vec<f64>>,
 }

@@ -1,6 +1,6 @@
-//! Intervals of polynomials from held-out groups. The score of a group is the error there of the fit without it, in
-//! standard errors of that fit: the mean over its rows and the scatter around it, assumed normal. [`GroupIntervals`]
-//! derives intervals from the scores.
+//! Intervals of polynomials from held-out groups. The score of a group is the mean of its errors, in standard errors,
+//! and the scatter around that mean, which is assumed normal. Errors and standard errors come from the fit without the
+//! group. [`GroupIntervals`] derives intervals from the scores.
 
 use super::group_intervals::{GroupIntervals, GroupScore};
 use crate::exact::ExactSums;
@@ -10,8 +10,8 @@ use crate::passes::{Workers, map};
 use crate::sandwich::GroupScatter;
 use shell_data::wrench::PerAxis;
 
-/// Most groups with scores. For more, the scatter of the groups and the shape of the training errors suffice
-/// (intervals of 95 % contain 95.0 to 95.7 % of the sensor model's errors from 60 groups on), and fits take long.
+/// Maximum number of groups with scores. For more, the scatter of the groups and the shape of the training errors
+/// suffice (95 % intervals contain 95.0 to 95.7 % of the sensor model's errors from 60 groups on), and fits take long.
 pub(super) const MOST_GROUPS: usize = 50;
 
 /// The intervals from the `score` of each group; `None` if there are too many, or only one.
@@ -24,13 +24,13 @@ pub(super) fn of_scores(
         return None;
     }
     let unknown = [(f64::INFINITY, 0.0); 6];
-    // Cancelled by [`Workers::watch`], which the next pass over the rows reports.
+    // Only [`Workers::watch`] can stop this; the next pass over the rows reports it.
     let groups: Vec<_> = (0..groups).collect();
     let scores = map(&groups, workers, |&group| Ok(score(group).unwrap_or(unknown))).ok()?;
     Some(GroupIntervals::from_groups(&scores))
 }
 
-/// Mean and scatter of a group's errors, in standard errors of the fit to all others; `None` if that is impossible.
+/// Mean and scatter of a group's errors, in standard errors of the fit to all others; `None` if there is no such fit.
 pub(super) fn score_without(
     total: &ExactSums,
     groups: &[(String, ExactSums)],
@@ -45,7 +45,7 @@ pub(super) fn score_without(
     Some(score_of(&errors, &variances[0], &scatter, fit.solution.rows))
 }
 
-/// Score of a group against the fit to `rows` other rows. `variance` is that of its rows due to the coefficients.
+/// Score of a group in the fit to `rows` other rows. `variance` is the part due to the coefficients.
 pub(crate) fn score_of(
     errors: &PerAxis<HeldOutErrors>,
     variance: &PerAxis<f64>,
@@ -108,7 +108,7 @@ mod tests {
         sums.finish([worker]).unwrap()
     }
 
-    /// Variances of predictions: that of a row plus the contribution of the coefficients.
+    /// Variances of predictions: the variance of a row plus the contribution of the coefficients.
     fn variances(
         polynomial: &Polynomial,
         covariance: &Covariance,

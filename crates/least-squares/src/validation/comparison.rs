@@ -1,8 +1,8 @@
 //! Comparison of two models by their errors on the same groups.
 //!
-//! Folds that are hard for one model are mostly hard for the other, so the difference is known better than either
-//! error (Dietterich, Neural Computation 10, 1998, on paired tests). The ratio of root mean square errors, averaged
-//! over folds by rows, is compared: the hardest fold would dominate a mean of squared errors.
+//! Folds that are hard for one model are mostly hard for the other, so the difference is known better than either error
+//! (Dietterich, Neural Computation 10, 1998, on paired tests). The measure is the ratio of root mean square errors,
+//! averaged over folds by rows: the hardest fold would dominate a mean of squared errors.
 
 use std::fmt;
 
@@ -10,12 +10,12 @@ use crate::held_out_errors::HeldOutErrors;
 use crate::quality::significant;
 use shell_data::wrench::PerAxis;
 
-/// Smaller errors, relative to the standard deviation of the loads, are rounding and do not count.
+/// Error, relative to the standard deviation of the loads, that is added to all errors: smaller ones are rounding.
 const NO_ERROR: f64 = 1e-8;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Comparison {
-    /// Root mean square errors of both over all rows, in N and N·m.
+    /// Root mean square errors of both models over all rows, in N and N·m.
     pub rms: [PerAxis<f64>; 2],
     /// Mean logarithm of the error ratio on each axis.
     pub axes: PerAxis<FoldMean>,
@@ -25,7 +25,7 @@ pub struct Comparison {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FoldMean {
-    /// Weighted by the rows of the folds.
+    /// Mean over the folds, weighted by their rows.
     pub value: f64,
     pub standard_error: f64,
 }
@@ -70,7 +70,7 @@ impl fmt::Display for FoldMean {
 }
 
 impl Comparison {
-    /// Compares the errors on each fold, in one order. `variances`: measured wrench, squares of N and N·m.
+    /// Compares errors on the same folds in the same order. `variances` of the measured wrench are in N² and (N·m)².
     ///
     /// # Panics
     /// If the numbers of folds differ, or are below two.
@@ -116,7 +116,7 @@ impl RelativeErrors {
         Self { means: std::array::from_fn(mean), folds }
     }
 
-    /// Logarithm of the mean over the folds, and its standard error; of the geometric mean of several axes.
+    /// Logarithm of the mean error over the folds, averaged over `axes`, and its standard error.
     pub(super) fn log(&self, axes: &[usize]) -> FoldMean {
         FoldMean { value: self.log_mean(axes), ..FoldMean::new(&self.shares(axes)) }
     }
@@ -132,7 +132,7 @@ impl RelativeErrors {
         axes.iter().map(|&axis| libm::log(self.means[axis])).sum::<f64>() / axes.len().max(1) as f64
     }
 
-    /// Error on each fold relative to the mean, averaged over some axes.
+    /// Error on each fold relative to the mean over folds, averaged over some axes.
     fn shares(&self, axes: &[usize]) -> Vec<(u64, f64)> {
         let share = |(rows, errors): &(u64, PerAxis<f64>)| {
             let of = axes.iter().map(|&axis| errors[axis] / self.means[axis]);

@@ -13,7 +13,7 @@ struct Fold {
     rest: FactoredRows,
 }
 
-/// Like [`cross_validate`](super::cross_validation::cross_validate), without randomly assigned rows.
+/// Cross-validates like [`cross_validate`](super::cross_validation::cross_validate), without randomly assigned rows.
 ///
 /// # Errors
 /// [`FitError`] if there are too few groups, or no fold leaves enough rows to fit.
@@ -33,7 +33,7 @@ pub fn cross_validate(
     CrossValidation::from_folds((sizes.len(), sizes.iter().sum()), on_folds)
 }
 
-/// Like [`select`](super::selection::select), over the families within the one that was kept.
+/// Selects like [`select`](super::selection::select), among the families within the one that the R factors have.
 ///
 /// # Errors
 /// [`FitError`] if there are too few groups, or no model can be fitted.

@@ -2,8 +2,8 @@
 //!
 //! Rows are also assigned to random folds, for comparison. All sums are exact: those of the groups, and of the folds,
 //! add up to the sums of all rows bit for bit, in any order. Every worker thread has a [`GroupWorker`], which sums
-//! without locks. With its blocks it hands over the groups unseen for the longest time to the [`GroupSums`] of the
-//! caller, the rest at the end.
+//! without locks. With each block it hands over the sums that have been open for the longest time to the [`GroupSums`]
+//! of the caller, and at the end all others.
 //!
 //! A group takes about 16 bytes for each distinct sum and some 50 for each sum with a wrench (under 150 kB for eight
 //! channels and poly3, 20 kB for the cubic model). In each worker that has met it, up to 256 rows wait to be summed
@@ -130,9 +130,9 @@ impl GroupKind {
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct SumsByGroup {
-    /// In the order of their first rows.
+    /// Sums of each group, in the order of first rows.
     pub groups: Vec<(String, ExactSums)>,
-    /// More than the length of `groups` if sets of groups were summed.
+    /// Number of groups: more than the length of `groups` if sets of groups were summed.
     pub group_count: usize,
     pub random: Vec<ExactSums>,
     total: Option<ExactSums>,
@@ -195,7 +195,7 @@ fn total<'a>(
     Ok(Some(total))
 }
 
-/// Most groups with sums in working form; those open for the longest time are handed over.
+/// Maximum number of groups with sums in working form; those open for the longest time are handed over.
 pub(super) const MAX_OPEN: usize = 64;
 
 /// The level at which sums are kept separately.
@@ -304,7 +304,7 @@ impl GroupWorker {
     }
 }
 
-/// Replaces group labels with set labels, always alike for one label. Also returns the hashes of the groups.
+/// Replaces group labels with set labels; a label always gets the same set. Also returns the hashes of the groups.
 fn assign_to_sets(runs: &[(String, usize)]) -> (Option<LabelRuns>, Vec<u64>) {
     let assign = |(label, rows): &(String, usize)| {
         // FNV-1a with a final mix, because its high bits are poor for short labels.

@@ -7,8 +7,8 @@
 //! ‖X_f·C − W_f‖² = W_fᵀW_f − 2·Cᵀ·X_fᵀW_f + Cᵀ·X_fᵀX_f·C
 //! ```
 //!
-//! A choice needs errors with three digits, which condition numbers up to 10⁶, with columns scaled to norm one,
-//! leave. The final fit never uses this method.
+//! A choice needs errors with three digits. Condition numbers up to 10⁶, with columns scaled to norm one, leave that
+//! many. The final fit never uses this method.
 
 use std::collections::HashMap;
 
@@ -26,7 +26,7 @@ use crate::solver::ReadingSums;
 use crate::vectors::lower_product;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Most features of a family to choose: the covariance, with eigenvalues for each group, would take minutes.
+/// Maximum number of features of a family: beyond it, the covariance, with eigenvalues for each group, takes minutes.
 const MOST_FEATURES: usize = 600;
 
 const CHUNK: usize = 1024;
@@ -114,7 +114,7 @@ impl NormalEquations {
         Some(solved)
     }
 
-    /// `ones` is the constant feature.
+    /// Errors of `coefficients` on these rows. `ones` is the position of the constant feature.
     fn errors(&self, coefficients: MatRef<'_, f64>, ones: Option<usize>) -> PerAxis<HeldOutErrors> {
         let (p, explained) = (self.features, self.gram() * coefficients);
         std::array::from_fn(|axis| {
@@ -129,7 +129,7 @@ impl NormalEquations {
     }
 }
 
-/// Sums of all matrices but each one, added from both ends: a large one leaves no rounding errors in the others.
+/// Sums of all other matrices, for each one. Adding from both ends keeps rounding errors of a large one out of its sum.
 pub fn sums_without_each<'a>(
     parts: impl DoubleEndedIterator<Item = &'a Mat<f64>> + ExactSizeIterator + Clone,
 ) -> Vec<Mat<f64>> {
@@ -150,7 +150,7 @@ pub fn sums_without_each<'a>(
     sums
 }
 
-/// Positions of the terms of a model among those of another; `None` if that lacks some.
+/// Positions of the terms of `part` among those of `whole`; `None` if `whole` lacks some.
 fn positions(part: &Model, whole: &Model) -> Option<Vec<usize>> {
     let places: HashMap<_, _> = whole.terms().into_iter().zip(0..).collect();
     part.terms().iter().map(|term| places.get(term).copied()).collect()
@@ -229,7 +229,7 @@ mod tests {
         let parts = [1.0, 2f64.powi(80), 2.0, 4.0].map(|part| Mat::from_fn(1, 1, |_, _| part));
         let sums: Vec<f64> =
             sums_without_each(parts.iter()).iter().map(|sum| sum[(0, 0)]).collect();
-        // A sum less the large one would be 0. Beside the large one, the others are below half its last digit.
+        // Subtracting the large one from the sum would give 0: beside it, the others are below half its last digit.
         assert_eq!(sums, [2f64.powi(80), 7.0, 2f64.powi(80), 2f64.powi(80)]);
     }
 

@@ -1,14 +1,14 @@
 //! The choice of model and ridge that predict new groups best, or of a smaller model that is as good.
 //!
 //! The score of a candidate is its squared error on held-out groups, relative to the variance of each axis: the mean
-//! over folds, and the geometric mean over axes. A candidate equals the best if its error is within one standard
-//! error of the [ratio of their errors](super::comparison) on the same folds; the one with the fewest features is
-//! chosen (after Breiman et al., Classification and Regression Trees, 1984, §3.4.3; they use the standard error of
-//! the best, but folds differ far more from each other than two models on one fold). Among ridges on these features,
-//! the smallest error decides, because a stronger ridge would bias every prediction and make no model smaller.
+//! over folds, and the geometric mean over axes. A candidate equals the best if its error is within one standard error
+//! of the [ratio of their errors](super::comparison) on the same folds. The equal one with the fewest features is
+//! chosen (after Breiman et al., Classification and Regression Trees, 1984, §3.4.3; they use the standard error of the
+//! best, but folds differ far more from each other than two models on one fold). Among ridges on these features, the
+//! smallest error decides, because a stronger ridge would bias every prediction and make no model smaller.
 //!
-//! [`Advice`] puts the choice in words, without the ratio of the error on new groups to that of a random split: it
-//! shows how similar the rows of a group are, not which model to use.
+//! [`Advice`] puts the choice in words. It leaves out the ratio of the error on new groups to that of a random split:
+//! this ratio shows how similar the rows of a group are, not which model to use.
 
 use super::comparison::{Comparison, FoldMean, RelativeErrors, varying};
 use super::cross_validation::{assign_groups, errors_on, sizes};
@@ -54,7 +54,7 @@ pub struct CandidateErrors {
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Selection {
     pub folds: usize,
-    /// By ascending size, then ascending ridge.
+    /// Candidates by ascending size, then ascending ridge.
     pub candidates: Vec<Candidate>,
     /// Position of the candidate with the smallest error.
     pub best: usize,

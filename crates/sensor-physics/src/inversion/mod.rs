@@ -12,8 +12,8 @@
 //! the width of vectors.
 //!
 //! **A sensor that has died** gives readings that no wrench explains. If a reading is [`FAR`](newton::FAR) from its
-//! curve and eight sensors or more are in use, the row is solved without each in turn. The one whose removal leaves
-//! the least sum is left out and flagged if all others then fit.
+//! curve and eight sensors or more are in use, the row is solved without each sensor in turn. The sensor whose removal
+//! leaves the smallest sum is left out and flagged, if all others then fit.
 //!
 //! Standard errors come from the curvature at the minimum (Laplace's approximation; MacKay, Neural Comput. 4, 1992).
 
@@ -36,7 +36,7 @@ pub struct Estimate {
     pub flags: Flags,
 }
 
-/// Masks have bit `i` for channel `i`.
+/// State of the channels in a frame. Masks have bit `i` for channel `i`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Flags {
     /// Channels on a flat end of their curve, which carry no information about this wrench.
@@ -57,7 +57,7 @@ pub struct Estimates {
     pub flags: Vec<Flags>,
 }
 
-/// Fewest sensors for one to be left out: more than axes must remain to agree.
+/// Fewest sensors for one to be left out: more sensors than axes must remain, to test their agreement.
 const LEAVE_OUT_OF: u32 = 8;
 
 const MOST_UNKNOWNS: usize = 6 + FACTORS;
@@ -121,7 +121,7 @@ impl Inversion {
         observations.iter().enumerate().map(of_row).collect()
     }
 
-    /// Solves with all sensors that have a reading; also returns the least sum of each row.
+    /// Solves with all sensors that have a reading. Also returns the minimised sum of each row.
     fn solve(&self, readings: &[Vec<f64>]) -> (Estimates, Vec<f64>) {
         match self.model.factor_count() {
             0 => arch().dispatch(Invert::<'_, 6> { inversion: self, readings }),
@@ -130,7 +130,7 @@ impl Inversion {
         }
     }
 
-    /// Solves misfitting rows again without the sensor whose removal leaves the least sum, if all others then fit.
+    /// Solves misfitting rows again without the sensor whose removal leaves the smallest sum, if all others then fit.
     fn leave_out_dead(&self, readings: &[Vec<f64>], out: &mut Estimates) {
         let is_wanted = |row: &usize| {
             let flags = out.flags[*row];
@@ -190,7 +190,7 @@ const START_NOISE: f64 = 0.02;
 /// A sensor is saturated where its curve is flatter than this share of its steepest slope.
 const FLAT: f64 = 0.05;
 
-/// Steps of the tables for the start, which is off by less than 0.01 in q.
+/// Number of steps of the tables for the start, which then is off by less than 0.01 in q.
 const TABLE_STEPS: usize = 128;
 
 #[derive(Clone, Debug, PartialEq)]

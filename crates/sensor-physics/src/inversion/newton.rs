@@ -127,8 +127,8 @@ impl Inversion {
         for _ in 0..STEPS {
             let at = std::array::from_fn(|axis| state.x[axis] + step[axis]);
             let next = self.state(simd, frames, &at);
-            // Compared with the previous variances, this step goes down or not; the next step is
-            // compared with the new ones.
+            // The sum with the previous variances decides whether this step goes down. The next step is compared with
+            // the sum with the new variances.
             let (by_old, by_new) = (self.sum(&next, &state.weight), self.sum(&next, &next.weight));
             let is_down = simd.less_than_or_equal_f64s(by_old.1, before.1);
             let down = zero.replaced(is_down, active);

@@ -28,7 +28,7 @@ pub(super) struct Row {
     pub(super) border: Vec<(usize, f64)>,
 }
 
-/// Inverse `h⁻¹` of a load's curvature, and `h⁻¹·coupling`: how the load follows the border.
+/// Inverse `h⁻¹` of a load's curvature, and `h⁻¹·coupling`, which gives the change of the load with the border.
 pub(super) struct Eliminated {
     pub(super) factor: Cholesky<OWN>,
     pub(super) following: [Vec<f64>; OWN],

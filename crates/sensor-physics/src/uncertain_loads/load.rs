@@ -1,8 +1,8 @@
-//! Stated loads, and how wrong they may be.
+//! Stated loads, and the errors that they may have.
 
 use shell_data::wrench::{LoadErrors, PerAxis, cross, force_at};
 
-/// Deviations of a load, in stated errors: one of size, two of direction, three of lever.
+/// Number of deviations of a load, in stated errors: one of size, two of direction, three of lever.
 pub(super) const OWN: usize = 6;
 
 pub(super) const SHARED: usize = 3;
@@ -13,7 +13,7 @@ pub enum StatedLoad {
     Force {
         force_n: f64,
         direction: [f64; 3],
-        /// From the sensor's origin, m.
+        /// Point of action, from the sensor's origin, m.
         point_m: [f64; 3],
         errors: LoadErrors,
         /// `None` if no lever offset is fitted.

@@ -60,7 +60,7 @@ pub struct CorrectedLoad {
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct CorrectedLoads {
-    /// In the order of the observations.
+    /// Corrected loads, in the order of the observations.
     pub loads: Vec<CorrectedLoad>,
     /// Lever offset of each mounting, m.
     pub mountings: Vec<[f64; 3]>,
@@ -125,7 +125,7 @@ struct LoadSearch<'a> {
 }
 
 struct FixedWeights {
-    /// By load and sensor.
+    /// Weights of the readings, by load and sensor.
     readings: Vec<Vec<f64>>,
     /// Weights of the deviations of each load.
     own: Vec<[f64; OWN]>,

@@ -101,7 +101,7 @@ struct Lexed {
 
 impl Lexed {
     fn new(text: &str, start: usize, separator: u8) -> Self {
-        // The reader's position is where it continued, which may be a blank line or a comment.
+        // The reader's position is where it continued to read, which may be at a blank line or a comment.
         let mut start = start;
         loop {
             let line = text[start..].lines().next().unwrap_or_default();
@@ -125,7 +125,7 @@ impl Lexed {
         Self { line, columns }
     }
 
-    /// The start of field `i`; that of the last field if there is no such field.
+    /// The start of field `i`, or of the last field if there is no such field.
     fn field(&self, i: usize) -> CellPosition {
         let last = self.columns.last().copied().unwrap_or(1);
         CellPosition { line: self.line, column: self.columns.get(i).copied().unwrap_or(last) }

@@ -7,8 +7,8 @@ use super::{CellPosition, Entry, Manifest, ManifestProblem};
 use shell_data::hint::{did_you_mean, suggest};
 
 impl Manifest {
-    /// Rows in conflict, numbered from 0: their window overlaps that of an earlier trial on the
-    /// same log, or their condition is not in `declared` or otherwise the manifest's conditions.
+    /// Rows in conflict, numbered from 0. Their window overlaps that of an earlier trial on the same log, or their
+    /// condition is not in `declared` (without it, not in the manifest's conditions).
     pub fn faults(&self, declared: Option<&[String]>) -> Vec<(usize, ManifestProblem)> {
         let declared = declared.or(self.conditions.as_deref());
         let mut faults = Vec::new();

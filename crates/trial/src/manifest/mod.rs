@@ -7,8 +7,8 @@
 //! logs/run3.txt,2 cm,3.1,6.0,,,,fell over,yes
 //! ```
 //!
-//! The first four columns are required. TOML has a table `[[trial]]` of the same keys for each;
-//! optional `conditions = ["free", "3 cm"]` lists those allowed.
+//! The first four columns are required. TOML has a table `[[trial]]` with the same keys for each trial. An optional
+//! `conditions = ["free", "3 cm"]` lists the allowed conditions.
 
 mod csv;
 mod faults;
@@ -33,11 +33,11 @@ pub struct Manifest {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Entry {
     pub position: CellPosition,
-    /// Without times; the log is relative to the manifest's folder.
+    /// The trial without its times. Its log is relative to the manifest's folder.
     pub trial: Trial,
     pub file_position: CellPosition,
     pub condition_position: CellPosition,
-    /// s on the log's clock; `None` if it is to be found in the forces.
+    /// Entry, s on the log's clock; `None` if it is to be found from the forces.
     pub enter: Placed<Option<f64>>,
     pub exit: Placed<Option<f64>>,
     pub exclude: bool,
@@ -106,7 +106,7 @@ pub struct Placed<T> {
 
 type Cells<'a> = BTreeMap<&'a str, Placed<String>>;
 
-/// The first four are required.
+/// Keys of a trial. The first four are required.
 const KEYS: [&str; 9] = [
     "file",
     "condition",
@@ -131,8 +131,8 @@ impl Manifest {
     /// Reads a manifest: TOML if `is_toml`, otherwise CSV.
     ///
     /// # Errors
-    /// [`ManifestProblem`] if it is not TOML, or lacks trials or columns, or has unknown ones. A
-    /// trial's problem is in its row.
+    /// [`ManifestProblem`] if the text is not TOML, lacks trials or columns, or has unknown columns. The problem of a
+    /// single trial is in its row.
     pub fn parse(text: &str, is_toml: bool) -> Result<Self, ManifestProblem> {
         let manifest = if is_toml { Self::from_toml(text)? } else { csv::parse(text)? };
         if manifest.rows.is_empty() {
@@ -227,7 +227,7 @@ impl Entry {
 }
 
 impl Placed<String> {
-    /// Parses the value with `meaning`; the problem of an invalid text names what is `expected`.
+    /// Parses the value with `meaning`. The problem of an invalid text says what is `expected`.
     fn read<T>(
         &self,
         key: &str,
@@ -250,7 +250,7 @@ impl Shard {
     /// The largest number of shares, so that their names sort by number.
     pub const MOST: usize = 99_999;
 
-    /// `None` if the number, from 1, is out of range, or there are too many shares.
+    /// Share `number`, from 1, of `of`; `None` if the number is out of range, or there are too many shares.
     pub fn new(number: usize, of: usize) -> Option<Self> {
         (1 <= number && number <= of && of <= Self::MOST).then_some(Self { number, of })
     }
@@ -261,7 +261,7 @@ impl Shard {
         end(self.number - 1)..end(self.number)
     }
 
-    /// Names, without an extension, sort in the order of the shares.
+    /// File name without an extension. Names sort in the order of the shares.
     pub fn stem(self) -> String {
         format!("part-{:05}-of-{:05}", self.number, self.of)
     }

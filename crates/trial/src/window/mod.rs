@@ -17,7 +17,7 @@ const BINS: usize = 240;
 /// The averaging time if the length of a stride is unknown, s.
 const USUAL_STRIDE_S: f64 = 0.25;
 const LEAST_CONFIDENCE: f64 = 0.5;
-/// From this confidence on, a proposal can be used without inspection.
+/// Confidence from which on a proposal can be used without inspection.
 pub const GOOD_CONFIDENCE: f64 = 0.8;
 /// The minimum drag, in units of its standard error.
 const LEAST_SIGNIFICANCE: f64 = 4.0;
@@ -62,7 +62,7 @@ pub enum NoWindow {
         if drag_se_n.is_finite() { format!(" ± {drag_se_n:.4} N") } else { String::new() }
     )]
     NoDrag { t_enter_s: f64, t_exit_s: f64, drag_n: f64, drag_se_n: f64 },
-    /// Not a single plateau; the fields describe the best interval, with its explained share of the variation.
+    /// The drag is not one plateau. The fields describe the best interval, with the variation that it explains.
     #[error(
         "onset and end of the drag are unclear: {t_enter_s:.2} to {t_exit_s:.2} s explains {:.0} % of its \
          variation", 100.0 * confidence

@@ -39,7 +39,7 @@ pub(super) fn search(points: &[(f64, f64)]) -> PlateauFit {
             for ramp in RAMPS {
                 let fit =
                     fit(points, DragPlateau { enter: points[enter].0, exit: points[exit].0, ramp });
-                // An interval with less drag than outside fits as well, upside down.
+                // An interval with less drag than outside would fit as well, with a negative height.
                 if fit.drag > 0.0 && best.is_none_or(|best| fit.residual < best.residual) {
                     best = Some(fit);
                 }
@@ -84,7 +84,7 @@ pub(super) fn refine(
     best
 }
 
-/// Height and offset by least squares: a line over the plateau's share.
+/// Fits height and offset by least squares: the drag is a line over the plateau's share.
 fn fit(points: &[(f64, f64)], plateau: DragPlateau) -> PlateauFit {
     let n = points.len() as f64;
     let [mut x, mut y, mut xx, mut xy, mut yy] = [0.0; 5];
@@ -139,7 +139,7 @@ pub(super) fn standard_errors(points: &[(f64, f64)], fit: &PlateauFit) -> [f64; 
     })
 }
 
-/// Number of neighbours that count as one: 1 + 2 Σ ρₖ over the lags up to the first that is not positive.
+/// Number of neighbours that count as one point: 1 + 2 Σ ρₖ over the lags up to the first that is not positive.
 fn correlation_length(residuals: &[f64]) -> f64 {
     let product =
         |lag: usize| -> f64 { residuals.iter().zip(&residuals[lag..]).map(|(a, b)| a * b).sum() };
