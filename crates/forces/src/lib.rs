@@ -24,9 +24,8 @@
 //! therefore be processed alone; rows further away would change a force by less than 10⁻¹² of the
 //! signal's range. A gap longer than the filter's memory separates its sides.
 //!
-//! **Lag.** A reference that lagged behind the readings shows a load later on its clock. Forces are
-//! given on that clock: their time stamps are shifted, or forces are interpolated between rows that
-//! keep their stamps.
+//! **Lag.** A reference that lagged behind the readings shows each load at a later time of its clock. Forces are given
+//! on the reference's clock: their time stamps are shifted, or the rows keep their stamps and forces are interpolated.
 //!
 //! The crate neither reads files nor prints. `docs/forces.md` describes the pipeline for users.
 
