@@ -128,8 +128,8 @@ impl RowWriter {
         }
     }
 
-    /// Appends the rows of a batch of frames, sorted by index, and empties it. Until `ended`, the
-    /// last frames may wait. Returns the number of frames that do not match the columns.
+    /// Appends the rows of a batch of frames, sorted by index, and empties the batch. Until `ended`, the last frames
+    /// may wait. Returns the number of frames that do not match the columns.
     pub(crate) fn write(
         &mut self,
         frames: &mut Vec<BoardFrame>,
