@@ -60,7 +60,7 @@ pub struct SeenEdge {
     pub missed: u16,
 }
 
-/// Rate of the serial line, and bootloader in ROM; by default a fixed rate and none.
+/// Rate of the serial line, and bootloader in ROM. By default, the rate is fixed and there is no bootloader.
 pub trait Chip<W> {
     /// Sets the line's rate, after the last byte written has left.
     async fn set_baud(&mut self, _sender: &mut W, _rate: Baud) {}
