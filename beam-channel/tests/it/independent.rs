@@ -13,7 +13,7 @@ const GEOMETRIES: u64 = 100_000;
 /// root: 1e-16 of a length moves it by this within 1e-8 of the path; no position is that close.
 const TOLERANCE: f64 = 1e-12;
 
-/// Each has its own random numbers, so that geometries do not depend on the machine.
+/// Each thread has its own random numbers, so that geometries do not depend on the machine.
 const THREADS: u64 = 4;
 
 struct Random(ChaCha8Rng);
