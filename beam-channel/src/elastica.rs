@@ -202,7 +202,7 @@ fn tip(clamp: f64, half_turn: f64) -> Tip {
 /// `k²`, by Carlson's duplication (Numerical Algorithms 10, 1995, 13–26), with shared steps.
 fn incomplete(sine: f64, modulus: f64) -> (f64, f64) {
     let square = sine * sine;
-    // One of the two must be above zero for finite integrals.
+    // The integrals would be infinite if both were zero.
     let [mut x, mut y] = [1.0 - square, 1.0 - modulus * square].map(|value| value.max(1e-30));
     let mut z = 1.0;
     let (mut sum, mut share) = (0.0, 1.0);

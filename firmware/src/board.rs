@@ -56,7 +56,7 @@ pub struct StorageError;
 pub struct SeenEdge {
     /// In µs since the reset.
     pub at_us: u64,
-    /// Lower bound of the edges since the previous one that were too fast to be kept.
+    /// Minimum number of edges since the previous one that came too fast to be kept.
     pub missed: u16,
 }
 

@@ -98,7 +98,7 @@ impl Decoder {
         self.keep(bytes);
     }
 
-    /// Appends to the partial frame. If it is too long, only its end is kept: a frame may be in it.
+    /// Appends to the partial frame. If the result is too long, only its end is kept: a frame may be in it.
     fn keep(&mut self, bytes: &[u8]) {
         if !self.partial.try_extend(bytes) {
             let tail = &bytes[bytes.len().saturating_sub(MAX_FRAME)..];

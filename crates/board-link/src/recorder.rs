@@ -348,7 +348,7 @@ fn heard(receiving: &Option<(Protocol, Boards)>) -> &[HeardBoard] {
     receiving.as_ref().map_or(&[], |(_, boards)| &boards.heard)
 }
 
-/// Creates the next board's log: the requested one, then others next to it.
+/// Creates the next board's log: the requested log for the first board, logs next to it for others.
 fn log_of(
     first: &mut Option<Box<dyn LogSink>>,
     logs: &[BoardLog],

@@ -36,7 +36,7 @@ impl LagShift {
         self.take(forces, false)
     }
 
-    /// Takes the last forces, and returns those of all pending rows.
+    /// Takes the last forces, and returns the forces of all pending rows.
     pub(super) fn finish(&mut self, forces: PerAxis<Vec<f64>>) -> PerAxis<Vec<f64>> {
         self.take(forces, true)
     }

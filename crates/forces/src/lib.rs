@@ -6,8 +6,8 @@
 //! readings ─▶ wrench = W(readings) ─▶ − tare ─▶ low-pass (on an even grid of time) ─▶ window
 //! ```
 //!
-//! A log, calibration and [`ForceOptions`] give the same bits in every use: whole, in blocks,
-//! around a window, or during recording.
+//! The forces of a log, calibration and [`ForceOptions`] have the same bits in every use: whole, in blocks, around a
+//! window, or during recording.
 //!
 //! **Tare.** The mean wrench of the first 50 *fresh* frames, or of those between two times, without
 //! repeated rows of telemetry. A tare can also follow the [stationary intervals](stationary):

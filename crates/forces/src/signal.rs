@@ -57,7 +57,7 @@ impl BlockPlan {
         start.saturating_sub(self.memory)..end + self.memory + 1
     }
 
-    /// Outputs the rows of a block; the segment holds as much of it as exists.
+    /// Outputs the rows of a block; the segment holds the slots of its span that exist.
     fn output_block(
         &self,
         segment: &mut Segment,

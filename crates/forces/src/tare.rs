@@ -10,7 +10,7 @@ use shell_data::wrench::{Axis, AxisValues, PerAxis};
 use super::stationary::{STATIONARY_FRAMES, StationaryFinder, StationaryInterval};
 use super::{DEFAULT_TARE_FRAMES, ForceError, ForcePipeline, RowRule, TareRule};
 
-/// Frames summed at once: fixed, so the mean has the same bits however the log is cut.
+/// Number of frames summed at once. It is fixed, so that the mean has the same bits however the log is cut.
 const CHUNK: usize = 4096;
 
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -18,7 +18,7 @@ pub(super) struct TareSearch {
     rule: TareRule,
     rows: RowRule,
     is_over: bool,
-    /// Frames found that are not yet in `mean`: counts, one column per channel.
+    /// Readings of found frames that are not yet in `mean`, counts, one column per channel.
     chunk: Vec<Vec<f64>>,
     mean: Option<Tare>,
     spread: PerAxis<RunningVariance>,

@@ -172,7 +172,7 @@ impl ReferenceSource {
         let socket = UdpSocket::bind(own).map_err(refused)?;
         socket.connect(address).map_err(refused)?;
         socket.set_read_timeout(Some(WAIT)).map_err(refused)?;
-        // A box serves its page at port 80, `shellcal stream` perhaps at its RDT port's number.
+        // A box serves its page at port 80; `shellcal stream` may serve it at the number of its RDT port.
         let ports = [port.filter(|port| *port != rdt::PORT), Some(80), Some(rdt_port)];
         let mut reasons = Vec::new();
         for port in ports.into_iter().flatten() {

@@ -121,7 +121,7 @@ fn ten_million_random_strings_do_no_harm() {
             None => original.feed(&string[..len], |_| events += 1),
         }
     }
-    // One piece in 256 has a matching length and header, one in 65,536 of those a matching CRC.
+    // One piece in 256 has a matching length and header, and one in 65,536 of these a matching CRC.
     assert!(events < 100, "{events}");
     // All state is inline: a decoder cannot grow.
     assert!(size_of::<Decoder>() <= 640);

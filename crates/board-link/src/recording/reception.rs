@@ -26,7 +26,7 @@ pub struct BoardFrame {
     pub restarted: bool,
     pub timing: Option<Timing>,
     pub health: Option<Health>,
-    /// An edge at the sync input since the previous frame, or one of several.
+    /// An edge at the sync input since the previous frame; one of them, if there were several.
     pub edge: Option<BoardEdge>,
     pub skewed: bool,
     /// Signal strength at the base station in dBm, if reported.

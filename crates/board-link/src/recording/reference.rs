@@ -109,7 +109,7 @@ struct TimedSample {
 /// Maximum number of samples that wait for frames: 8 s at 8 kHz.
 const MOST_SAMPLES: usize = 1 << 16;
 
-/// Age at which samples are dropped, s: no radio delays their frame for that long.
+/// Age at which samples are dropped, s: no radio delays a frame for that long.
 const OLDEST_S: f64 = 5.0;
 
 /// Maximum time that a frame waits for the reference, s: longer than the reference's clock takes to settle.

@@ -28,7 +28,7 @@ pub(super) struct Tracker {
     distinct: u64,
     missing_before_restart: u64,
     offset: i64,
-    /// Runs of missing samples, counted when a newer one came.
+    /// Number of runs of missing samples, each counted when a newer sample came.
     pub(super) gaps: u64,
     pub(super) duplicates: u64,
     pub(super) reordered: u64,
