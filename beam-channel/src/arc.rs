@@ -36,8 +36,8 @@ const NODES: usize = 8;
 /// Newton steps that nearly always suffice.
 const PLAIN_STEPS: usize = 3;
 
-/// Newton step, relative to `z`, that reaches the root to rounding: the remaining error is its
-/// square over the distance to the zero of the slope, unless rounding dominates.
+/// Newton step, relative to `z`, after which the root is exact to rounding. The remaining error is the square of the
+/// step over the distance to the zero of the slope, unless rounding dominates.
 const CLOSE: f64 = 1e-8;
 
 const STEPS: usize = 200;
@@ -58,7 +58,7 @@ impl Arc {
         }
         let low = arc.w(travel[0]);
         for i in 0..NODES {
-            // Alternates between the ends, which reduces rounding error.
+            // Take nodes from both ends in turn, which reduces rounding error.
             let position = if i % 2 == 0 { i / 2 } else { NODES - 1 - i / 2 };
             let share = 0.5 + 0.5 * cos(PI * (position as f64 + 0.5) / NODES as f64);
             let w = low + (1.0 - low) * share;

@@ -4,7 +4,7 @@ use core::f64::consts::FRAC_PI_2;
 
 use libm::{acos, cos, sin};
 
-/// Chebyshev terms: twice as many change means by a relative 10⁻⁶, extremes by 10⁻⁴.
+/// Number of Chebyshev terms. Twice as many change means by a relative 10⁻⁶, and extremes by 10⁻⁴.
 pub(crate) const TERMS: usize = 32;
 
 /// Largest number of pieces: contact by tip, by face, and again by tip.
@@ -13,7 +13,7 @@ pub(crate) const PIECES: usize = 3;
 /// The path of a clamped beam's contact along the body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Bending {
-    /// As in `Path::landmarks`: where the travel falls, or 0; before its maximum; the table's end.
+    /// Values of `z` as in `Path::landmarks`: where the travel falls, or 0; before its maximum; at the table's end.
     pub(crate) landmarks: [f64; 3],
     /// In the order of `z`; the last one may be repeated.
     pub(crate) pieces: [Piece; PIECES],
@@ -25,7 +25,7 @@ pub(crate) struct Bending {
 pub(crate) struct Piece {
     pub(crate) end: f64,
     pub(crate) reach: Series,
-    /// Factor of normal and tangent, of the length in a [`Contact`](crate::Contact), in `EI/L²`.
+    /// Force over `z`, in `EI/L²`, per length of normal and tangent in a [`Contact`](crate::Contact).
     pub(crate) push: Series,
 }
 

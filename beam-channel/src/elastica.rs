@@ -11,12 +11,12 @@
 //! y = C·cos χ₀ + S·sin χ₀,     C = 2·(E(k) − E(u₀, k))/λ − 1,
 //! ```
 //!
-//! in beam lengths, with `y` along the straight beam. A body that has pushed the tip aside to `y`
-//! leaves `χ_L`: one root per position.
+//! in beam lengths, with `y` along the straight beam. If a body has pushed the tip aside to `y`, only `χ_L` is unknown:
+//! one root per position.
 //!
-//! A plate that bends far touches with its face, tangent to the body, at a length `σ < L` along it,
-//! and is straight beyond. Its turn is then known, `x` and `y` follow in units of `σ`, and `σ` from
-//! `y`: no root is searched for.
+//! A plate that bends far touches with its face, tangent to the body, at a length `σ < L` along it, and is straight
+//! beyond. Its turn is then known. So `x` and `y` follow in units of `σ`, and `σ` from `y`, without a search for a
+//! root.
 //!
 //! A table holds reach and force as functions of `z`, smooth between changes of tip and face.
 
@@ -28,7 +28,7 @@ use crate::bending::{Bending, PIECES, Piece, Series, TERMS, node};
 use crate::bisection::turn;
 use crate::path::Path;
 
-/// Positions on a contact's path at which the body's travel is computed.
+/// Number of positions on a contact's path at which the body's travel is computed.
 const PLACES: usize = 64;
 
 /// A beam whose contact is at one position.
@@ -48,7 +48,7 @@ pub(crate) enum Failure {
 }
 
 impl Bending {
-    /// Computes the table of a path, with contact at the face if `with_face`; may lock or flatten.
+    /// Computes the table of a path, with contact at the face if `with_face`. Fails if the beam locks or is flattened.
     pub(crate) fn new(path: &Path, friction: f64, with_face: bool) -> Result<Self, Failure> {
         let place = |i: usize| path.last() * i as f64 / PLACES as f64;
         let at = |z: f64| bent(path, friction, with_face, z);
@@ -150,7 +150,7 @@ fn bent(path: &Path, friction: f64, with_face: bool, z: f64) -> Result<Bent, Fai
     }
 }
 
-/// Returns half the turn of a straight or buckled beam, and of one along the force.
+/// Returns half the least turn (a straight or buckled beam) and half the largest (a beam along the force).
 fn half_turns(clamp: f64) -> [f64; 2] {
     let [least, most] = [(-clamp).max(0.0), 0.5 * (PI - clamp)].map(|turn| turn.max(1e-12));
     [least, most * (1.0 - 1e-9)]
@@ -175,7 +175,7 @@ struct Tip {
     root_of_force: f64,
 }
 
-/// Returns the tip of a beam turned by `χ_L − χ₀`, twice `half_turn`; force at `χ₀` to the clamp.
+/// Returns the tip of a beam turned by `χ_L − χ₀`, twice `half_turn`; the force is at the angle `χ₀` to the clamp.
 fn tip(clamp: f64, half_turn: f64) -> Tip {
     let (low, low_cos) = (sin(0.5 * clamp), cos(0.5 * clamp));
     // k² − sin²(χ₀/2), without cancellation.
@@ -202,7 +202,7 @@ fn tip(clamp: f64, half_turn: f64) -> Tip {
 /// `k²`, by Carlson's duplication (Numerical Algorithms 10, 1995, 13–26), with shared steps.
 fn incomplete(sine: f64, modulus: f64) -> (f64, f64) {
     let square = sine * sine;
-    // One of the two must be above zero for finite integrals.
+    // The integrals would be infinite if both were zero.
     let [mut x, mut y] = [1.0 - square, 1.0 - modulus * square].map(|value| value.max(1e-30));
     let mut z = 1.0;
     let (mut sum, mut share) = (0.0, 1.0);

@@ -57,7 +57,7 @@ impl Law {
         self.push(path, contact) * (contact.out + self.friction * contact.back)
     }
 
-    /// Returns the factor of normal and tangent, N/m.
+    /// Returns the factor that turns normal and tangent into forces, N/m.
     #[inline]
     fn push(&self, path: &Path, contact: &Contact) -> f64 {
         // EI/L² is k_t/L.

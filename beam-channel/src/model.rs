@@ -47,7 +47,7 @@ impl Model {
         for wall in Wall::BOTH {
             let Some(side) = self.side(wall) else { continue };
             let ends = side.arcs().iter().map(|arc| arc.z);
-            // Smooth in z; without friction the component may be zero at the ends.
+            // The force across the bar is smooth in z; without friction, it may be zero at the ends.
             let positions = ends.flat_map(|[from, to]| {
                 (1..PLACES).map(move |i| from + (to - from) * f64::from(i) / f64::from(PLACES))
             });

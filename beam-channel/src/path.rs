@@ -67,7 +67,7 @@ impl Path {
         }
     }
 
-    /// Returns `z` at the slowest progress on the way in, where it moves on, and after the release.
+    /// Returns `z` at the slowest progress on the way in, where the body moves on, and after the release.
     pub(crate) fn landmarks(&self) -> [f64; 3] {
         match &self.bending {
             None => [self.slowest(), self.widest(), self.last()],

@@ -35,10 +35,10 @@ pub struct Extreme {
     pub is_limit: bool,
 }
 
-/// Corners and jumps of one spacing: two sides with five ends of arcs each, and both ends.
+/// Maximum number of corners and jumps in one spacing: two sides with five ends of arcs each, and both ends.
 const BREAKS: usize = 12;
 
-/// Intervals between two breaks at whose ends the sign of the derivative is checked.
+/// Number of intervals between two breaks, at whose ends the sign of the derivative is checked.
 const SAMPLES: u32 = 16;
 
 impl Model {

@@ -1,11 +1,11 @@
-//! Inputs of the model, and those that it rejects.
+//! Inputs of the model, and errors for invalid ones.
 
 use core::fmt;
 
 /// Lengths outside this range, m, are probably unit errors; those within cannot overflow.
 const LENGTHS: (f64, f64) = (1e-6, 1e6);
 
-/// Below, the force at a release is unbounded if bar and spring balance.
+/// Minimum friction if bar and spring balance: below it, the force at a release is unbounded.
 pub(crate) const LEAST_FRICTION: f64 = 1e-3;
 
 /// All inputs of the model. The default is the paper's robot and obstacle track (Table I) in the

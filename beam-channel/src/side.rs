@@ -104,7 +104,7 @@ impl Side {
             self.snaps = true;
             self.add_smooth(0.0, stop);
             if path.position(release).travel > stopped {
-                // Where the travel, after it has fallen, is back at its earlier maximum.
+                // Resume where the travel, after a fall, is back at its earlier maximum.
                 let again = turn(|z| -steepness(z), slowest, moving);
                 let resume = turn(|z| stopped - path.position(z).travel, again, release);
                 self.add_smooth(resume, release);
@@ -186,7 +186,7 @@ impl Side {
         touches.then(|| self.arc_at(travel_m).locate(&self.path, travel_m))
     }
 
-    /// All beams must touch.
+    /// Returns the contacts with beams by the travel since each was touched; all must still touch.
     #[inline]
     pub(crate) fn contacts<const N: usize>(&self, travels: [f64; N]) -> [Contact; N] {
         Arc::locate_all(travels.map(|travel| self.arc_at(travel)), &self.path, travels)
@@ -198,7 +198,7 @@ impl Side {
         arcs.iter().find(|arc| travel <= arc.travel[1]).unwrap_or(&arcs[arcs.len() - 1])
     }
 
-    /// The first base of the row is at 0.
+    /// Returns the beams that touch a body whose middle is at `x_m`; the row's first base is at 0.
     pub(crate) fn touching(&self, x_m: f64, beams: u32, pitch: f64) -> Range<u32> {
         let nose = x_m + self.engagement_m;
         let travel = |i: u32| nose - pitch * f64::from(i);

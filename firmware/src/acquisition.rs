@@ -96,8 +96,7 @@ fn timing(start_us: u64, first_us: u64, last_us: u64) -> Timing {
     }
 }
 
-/// Returns mean lit minus mean dark code in counts, at least 0; sums have twice `conversions`
-/// codes.
+/// Returns mean lit minus mean dark code in counts, at least 0. Each sum has twice `conversions` codes.
 fn difference(dark: u32, lit: u32, conversions: u8) -> u16 {
     let conversions = 2 * u32::from(conversions);
     let counts = lit.saturating_sub(dark) * u32::from(COUNTS_PER_LSB);

@@ -1,4 +1,4 @@
-//! Baud rates of the serial line: the nominal rate in commands, and that of a divider.
+//! Baud rates of the serial line: nominal rates, as in commands, and the actual rates of the dividers.
 //!
 //! ```text
 //! rate = clock / divider    (RM0394, section 38.5.4, oversampling by 16)
@@ -30,8 +30,8 @@ impl Baud {
     }
 }
 
-/// Rates with a clock of 80 MHz. 57,600 lies between those that the other end may have: 57,600, and
-/// 58,824, which an XBee derives for it from its 16 MHz clock.
+/// Rates with a clock of 80 MHz. The rate for 57,600 lies between the two that the other end may have: 57,600 itself,
+/// and 58,824, which an XBee derives for it from its 16 MHz clock.
 pub const RATES: [Baud; 9] = [
     Baud::near(CLOCK_HZ, 9_600, 9_600),
     Baud::near(CLOCK_HZ, 19_200, 19_200),

@@ -56,11 +56,11 @@ pub struct StorageError;
 pub struct SeenEdge {
     /// In µs since the reset.
     pub at_us: u64,
-    /// Lower bound of the edges since the previous one that were too fast to be kept.
+    /// Minimum number of edges since the previous one that came too fast to be kept.
     pub missed: u16,
 }
 
-/// Rate of the serial line, and bootloader in ROM; by default a fixed rate and none.
+/// Rate of the serial line, and bootloader in ROM. By default, the rate is fixed and there is no bootloader.
 pub trait Chip<W> {
     /// Sets the line's rate, after the last byte written has left.
     async fn set_baud(&mut self, _sender: &mut W, _rate: Baud) {}

@@ -1,4 +1,4 @@
-//! State of the board without waiting: effects of commands, and samples from frames.
+//! State of the board, in code that never waits: effects of commands, and samples from frames.
 
 use crate::acquisition::{Frame, Schedule, Settings};
 use crate::board::{Storage, VITALS_US};
@@ -131,7 +131,7 @@ impl<'a> Core<'a> {
         self.outbox.push_in_turn(Packet::Sample(sample));
     }
 
-    /// Executes a command and queues its answer; only counts commands for other boards.
+    /// Executes a command and queues its answer; a command for another board is only counted.
     pub(crate) fn command<S: Storage>(
         &mut self,
         number: u16,

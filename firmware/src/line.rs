@@ -12,7 +12,7 @@ pub(crate) enum Change {
     Bootloader,
 }
 
-/// The line's rate. A new one at which nothing valid is heard is reverted, lest it cut off a board.
+/// The line's rate. A new rate is reverted if nothing valid is heard at it; otherwise it could cut off a board.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct LineState {
     wanted: Option<Change>,
@@ -55,7 +55,7 @@ impl LineState {
         }
     }
 
-    /// Something valid was heard: the rate is good, unless the line still had the previous one.
+    /// Confirms the rate, since something valid was heard, unless the line still had the previous rate.
     pub(crate) fn heard(&mut self) {
         self.trial = self.trial.filter(|trial| trial.end_us.is_none());
     }

@@ -4,7 +4,7 @@ use crate::board::SeenEdge;
 use heapless::Deque;
 use shared_proto::{Answer, Edge, Frame, Health, Packet, PacketOrigin, Sample};
 
-/// 160 ms at 100 Hz. A health report takes the place of a sample.
+/// Capacity for samples: 160 ms at 100 Hz. A health report takes the place of a sample.
 pub(crate) const SAMPLES: usize = 16;
 
 /// The host sends one request at a time.
@@ -57,7 +57,8 @@ impl Outbox {
         self.push_now(Packet::Answer { number, answer });
     }
 
-    /// Queues a packet ahead of all samples. If it is full, the host will repeat its request.
+    /// Queues a packet ahead of all samples. If the queue is full, the packet is dropped, and the host will repeat its
+    /// request.
     pub(crate) fn push_now(&mut self, packet: Packet) {
         _ = self.answers.push_back(packet.encode_from(self.origin));
     }

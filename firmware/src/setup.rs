@@ -13,7 +13,7 @@ pub struct BoardSetup {
     pub last_words: LastWords,
     /// Rounded up, so that the limits sent to the host fit into a period.
     pub conversion_ns: u32,
-    /// `None` if the line has no rate and is never the bottleneck.
+    /// The line's rate; `None` if it has none and is never the bottleneck.
     pub rate: Option<Baud>,
     pub rates: &'static [Baud],
     pub has_bootloader: bool,

@@ -163,7 +163,7 @@ impl<'a, C: Clock> Station<'a, C> {
         }
     }
 
-    /// Feeds the watchdog at every sign of life; it needs one a second.
+    /// Feeds the watchdog at every sign of life; the watchdog needs one a second.
     pub async fn watch(&self, mut feed: impl FnMut()) {
         loop {
             feed();

@@ -2,10 +2,10 @@
 
 use shared_proto::{Calibration, Refusal, crc32};
 
-/// After the length and the CRC-32.
+/// Offset of the calibration in a record, after its length and CRC-32.
 const CALIBRATION: usize = 8;
 
-/// A multiple of the eight bytes that flash is written in.
+/// Length of a record, a multiple of the eight bytes that flash is written in.
 pub const RECORD: usize = (CALIBRATION + Calibration::MAX_SIZE).next_multiple_of(8);
 
 /// Content of [`crate::Storage`], little-endian: length of a calibration in bytes, its CRC-32, room

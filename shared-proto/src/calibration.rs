@@ -112,7 +112,7 @@ fields!(Cubic { centre, scale, coefficients, intercept });
 /// Numbers in the lower triangle of the prior's precision.
 pub const PRIOR: usize = AXES * (AXES + 1) / 2;
 
-/// Parameters of a sensor: b, a (six), lo, ln h, ln ν.
+/// Number of parameters of a sensor: b, a (six), lo, ln h, ln ν.
 const PARAMETERS: usize = AXES + 4;
 
 /// Numbers in the lower triangle of a factor of the parameters' covariance.
@@ -165,8 +165,8 @@ impl Physics {
 
     const SIZE: usize = 4 + 4 * (AXES + PRIOR + 2 + CHANNELS * PhysicsSensor::NUMBERS);
 
-    /// Returns true in these ranges, far wider than any sensor needs, in which the board's
-    /// computation is finite in single precision.
+    /// Returns true if all numbers are in ranges in which the board's computation is finite in single precision. They
+    /// are far wider than any sensor needs.
     fn is_usable(&self) -> bool {
         let all = |numbers: &[f32], range: RangeInclusive<f32>| {
             numbers.iter().all(|number| range.contains(number))

@@ -25,11 +25,11 @@ coded! {
         Status = 0x02,
         Start = 0x03,
         Stop = 0x04,
-        /// Period of frames, µs.
+        /// Sets the period of frames, µs.
         SetPeriod { period_us: u32 } = 0x05,
-        /// Number of conversions, from 1, averaged for each lit and each dark value.
+        /// Sets the number of conversions, from 1, averaged for each lit and each dark value.
         SetOversampling { conversions: u8 } = 0x06,
-        /// Waiting time between switching an emitter and converting, µs.
+        /// Sets the waiting time between switching an emitter and converting, µs.
         SetSettling { settling_us: u16 } = 0x07,
         SetStream(stream: Stream) = 0x08,
         /// Begins the upload of a calibration; see [`crate::crc32`].
@@ -39,7 +39,7 @@ coded! {
         CommitCalibration = 0x0B,
         /// Takes the mean wrench of the next frames as zero; 0 removes the zero.
         Zero { frames: u16 } = 0x0C,
-        /// Requests the words before the last reset, from a byte on: [`Answer::LastWords`].
+        /// Requests the firmware's last words before the reset, from byte `offset` on: [`Answer::LastWords`].
         LastWords { offset: u16 } = 0x0D,
         /// Lights one emitter, from 0, and requests its effect on channels: [`Answer::SelfTest`].
         SelfTest { emitter: u8 } = 0x10,

@@ -6,7 +6,7 @@ use crate::packet::{self, Packet, ReceivedPacket};
 use crate::skinproc;
 use crate::xbee::{ApiFrame, Deframer, Mode};
 
-/// How frames are transmitted.
+/// The way in which frames are transmitted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Framing {
     /// Directly: COBS over a transparent XBee, or a wire.
@@ -98,7 +98,7 @@ impl Decoder {
         self.keep(bytes);
     }
 
-    /// Appends to the partial frame. If it is too long, only its end is kept: a frame may be in it.
+    /// Appends to the partial frame. If the result is too long, only its end is kept: a frame may be in it.
     fn keep(&mut self, bytes: &[u8]) {
         if !self.partial.try_extend(bytes) {
             let tail = &bytes[bytes.len().saturating_sub(MAX_FRAME)..];
@@ -139,7 +139,7 @@ impl Decoder {
     }
 }
 
-/// Returns the packet at the end of a piece: the next frame is intact after a damaged delimiter.
+/// Returns the packet at the end of a piece: the frame after a damaged delimiter is intact.
 fn last_packet(piece: &[u8]) -> Option<ReceivedPacket> {
     let tail = &piece[piece.len().saturating_sub(MAX_FRAME)..];
     (0..tail.len())
@@ -184,7 +184,7 @@ impl Protocol {
     }
 }
 
-/// Returns the protocol that fits `bytes` best, `None` without a frame; a second is plenty.
+/// Returns the protocol that fits `bytes` best, `None` without a frame; a second of data is plenty.
 ///
 /// Frames inside API frames look like COBS with damage between them, so damage counts against
 /// frames. In a tie the simpler protocol wins, since there may be no escapes yet.

@@ -22,9 +22,9 @@ pub enum DecodeError {
     Framing,
     /// The CRC does not match.
     Crc,
-    /// The version differs; so do its kinds, except that of a command.
+    /// The version differs. Its kinds may differ, too, except that of a command.
     UnknownVersion { version: u8, kind: u8 },
-    /// CRC and version match.
+    /// The kind is unknown, although CRC and version match.
     UnknownKind(u8),
     /// CRC and kind are right, but the body does not match the kind.
     Body,

@@ -237,8 +237,8 @@ impl Sample {
     }
 }
 
-/// Times of a frame's readings, relative to its sample's. Channels are read one after the other, at
-/// the middle of their lit conversions.
+/// Times of a frame's readings, relative to its sample's time. Channels are read one after the other; the time of a
+/// reading is the middle of its lit conversions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Timing {
     /// Time from the start of the frame to the first channel's reading, µs.
@@ -258,7 +258,7 @@ pub struct Vitals {
     pub reference: Option<u16>,
 }
 
-/// A report once a second, and before the first sample of a stream or with other settings.
+/// A report that is sent once a second, and before the first sample of a stream or after a change of settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Health {
     /// Sequence number of the next sample.

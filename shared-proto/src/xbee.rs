@@ -58,8 +58,8 @@ pub enum ApiFrame<'a> {
     Receive { from: Address, rssi: Option<u8>, payload: &'a [u8] },
     /// Fate of a transmission, 0 if it was received: 0x89.
     Sent { id: u8, status: u8 },
-    /// Reads a parameter of the host's module, or sets it to a value: 0x08, or 0x09. With an address of 64 and 16
-    /// bits, that of a module on the other side: 0x17.
+    /// Reads a parameter of the host's module, or sets it to a value: 0x08, or 0x09. With an address (64 and 16 bits),
+    /// does so at a module on the other side: 0x17.
     Command { id: u8, to: Option<(u64, u16)>, name: [u8; 2], value: &'a [u8] },
     /// Answer to a command, with status 0 unless it was refused: 0x88 or 0x97.
     Answer { id: u8, from: Option<(u64, u16)>, name: [u8; 2], status: u8, value: &'a [u8] },
@@ -258,7 +258,7 @@ impl Deframer {
         }
     }
 
-    /// Accepts a frame that is whole but for the start that should follow it, on a line that is at rest.
+    /// Accepts a whole frame that still waits for the start byte of the next one, since the line is at rest.
     pub fn rest(&mut self, mut sink: impl FnMut(ApiFrame<'_>)) {
         let is_whole = match progress(&self.pending) {
             Deframed::Whole(data) if self.pending.len() == data.len() + 4 => {

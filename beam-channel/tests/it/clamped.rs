@@ -24,22 +24,22 @@ fn mean_drag_of_clamped_beams_equals_that_of_shooting_and_of_a_physics_engine() 
         [(0.08, 0.276, 0.277), (0.06, 0.597, 0.614), (0.04, 1.219, 1.226)]
     {
         let plateau = Model::new(&setup(width_m, 0.53)).unwrap().plateau().unwrap();
-        // Half a unit of the last digit; six links per beam.
+        // The limits are half a unit of the last digit, and 3 % for the six links per beam.
         assert!((plateau.mean_drag_n - shooting_n).abs() < 5.1e-4, "{width_m}: {plateau:?}");
         assert!((plateau.mean_drag_n / engine_n - 1.0).abs() < 0.03, "{width_m}: {plateau:?}");
     }
 }
 
-/// Plates with contact at the face: by shooting for the force and the length up to the contact, and
-/// from chains of twelve hinges. At 1 cm only tips touch.
+/// Drags of plates with contact at the face: by shooting for the force and the length up to the contact, and from
+/// chains of twelve hinges. At 1 cm only tips touch.
 #[test]
 fn mean_drag_of_plates_is_that_of_shooting_and_of_a_physics_engine() {
     for (width_m, shooting_n, engine_n) in [(0.08, 0.2763, 0.2725), (0.06, 0.8884, 0.869)] {
         let plateau = Model::new(&plates(width_m, 0.53)).unwrap().plateau().unwrap();
         // The quadrature over 300 positions is good to 1e-4.
         assert!((plateau.mean_drag_n / shooting_n - 1.0).abs() < 5e-4, "{width_m}: {plateau:?}");
-        // Chains of 6 and 12 hinges give 0.813 and 0.869 N: their error falls with the square of
-        // the hinges, to 0.888 N.
+        // Chains of 6 and 12 hinges give 0.813 and 0.869 N: their error falls with the square of the number of hinges,
+        // which leads to 0.888 N.
         assert!((plateau.mean_drag_n / engine_n - 1.0).abs() < 0.03, "{width_m}: {plateau:?}");
     }
     // The body reaches 3 cm past the tips of plates of 2.7 cm.

@@ -1,7 +1,6 @@
 /// The reference has 15 digits; ten more roundings are within this.
 const RELATIVE: f64 = 1e-12;
-/// SI: a decimal position rounds by up to 5e-17 m, and near a release a force changes by 1 N/m or
-/// more.
+/// In SI units: a decimal position rounds by up to 5e-17 m, and near a release a force changes by 1 N/m or more.
 const ABSOLUTE: f64 = 2e-16;
 
 #[track_caller]

@@ -13,7 +13,7 @@ const GEOMETRIES: u64 = 100_000;
 /// root: 1e-16 of a length moves it by this within 1e-8 of the path; no position is that close.
 const TOLERANCE: f64 = 1e-12;
 
-/// Each has its own random numbers, so that geometries do not depend on the machine.
+/// Each thread has its own random numbers, so that geometries do not depend on the machine.
 const THREADS: u64 = 4;
 
 struct Random(ChaCha8Rng);
@@ -64,8 +64,8 @@ fn tip(setup: &Setup, ahead_m: f64) -> Tip {
     }
 }
 
-/// Picks the tip's intersection: of an upright ellipse the one furthest forward, as in the paper;
-/// of a yawed one, which may come round from behind, the first beyond the first touch.
+/// Picks the tip's intersection: with an upright ellipse, the one furthest forward, as in the paper; with a yawed
+/// ellipse, which may come round from behind, the first beyond the first touch.
 fn pick(setup: &Setup, side: &Side, found: Vec<Intersection>) -> Option<f64> {
     let found = found.into_iter();
     let beyond = |at: &Intersection| (at.phi - side.first_touch_rad).rem_euclid(TAU);

@@ -178,8 +178,8 @@ fn drag_equals_the_reference_solution() {
     }
 }
 
-/// From an independent quadrature over the position of the tip (numpy, 400 Gauss–Legendre nodes),
-/// which reproduces the figures above for the paper's force.
+/// Expected: an independent quadrature over the position of the tip (numpy, 400 Gauss–Legendre nodes), which reproduces
+/// the figures above for the paper's force.
 #[test]
 fn forces_that_balance_their_springs_have_the_means_of_an_independent_computation() {
     for (width_m, expected) in
@@ -189,11 +189,11 @@ fn forces_that_balance_their_springs_have_the_means_of_an_independent_computatio
         setup.channel.width_m = width_m;
         setup.rules = Rules { angle: Angle::True, normal: Normal::MomentBalance };
         let plateau = Model::new(&setup).unwrap().plateau().unwrap();
-        // Its stiffness was 8.48·10⁻⁴ N·m/rad; twelve digits are given.
+        // The quadrature had a stiffness of 8.48·10⁻⁴ N·m/rad, and gives twelve digits.
         assert!((plateau.mean_drag_n / expected - 1.0).abs() < 1e-10, "{plateau:?}");
         let (low, high) = (plateau.minimum.drag_n, plateau.peak.drag_n);
         assert!(low < plateau.mean_drag_n && plateau.mean_drag_n < high, "{plateau:?}");
-        // Checks the slope whose roots are the extremes against the drag.
+        // Checks the extremes, which are roots of the slope, against the drag.
         let model = Model::new(&setup).unwrap();
         for step in 0..400 {
             let x = plateau.extent_m[0] + f64::from(step) / 400.0 * setup.channel.pitch_m;

@@ -34,7 +34,7 @@ pub struct AppendWriter {
     file: File,
     length: u64,
     regular: bool,
-    /// Set after an error; later data would leave a hole that looks like a transmission loss.
+    /// Set after an error. Data written later would follow a hole that looks like a transmission loss.
     failed: bool,
 }
 
@@ -48,7 +48,7 @@ impl AppendWriter {
         Ok(Self { path: path.to_path_buf(), file, length: 0, regular, failed: false })
     }
 
-    /// Checks that the file still has a name; outside Unix an open file cannot be removed.
+    /// Checks that the file was not removed. Outside Unix, an open file cannot be removed.
     fn check_there(&self) -> io::Result<()> {
         #[cfg(unix)]
         if std::os::unix::fs::MetadataExt::nlink(&self.file.metadata()?) == 0 {
@@ -88,7 +88,7 @@ impl LogSink for AppendWriter {
         &self.path
     }
 
-    /// Creates `log-2052.csv` next to `log.csv`, or else `log-2052-2.csv`: a recording cannot ask.
+    /// Creates `log-2052.csv` next to `log.csv`, or `log-2052-2.csv` if that exists: a recording cannot ask the user.
     fn beside(&self, board: &str) -> Result<Box<dyn LogSink>, OutputError> {
         let stem = self.path.file_stem().unwrap_or_default().to_string_lossy();
         let dot = self.path.extension().map(|it| format!(".{}", it.to_string_lossy()));

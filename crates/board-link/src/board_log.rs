@@ -28,7 +28,7 @@ pub struct RecordedBoard {
 pub(super) struct BoardLog {
     pub(super) sender: BoardSource,
     pub(super) log: Option<Box<dyn LogSink>>,
-    /// Created for the first frame, which determines the columns.
+    /// Writer that is created for the first frame, which determines the columns.
     pub(super) rows: Option<RowWriter>,
     pub(super) annotations: Annotations,
     pub(super) waiting: Vec<BoardFrame>,
@@ -69,7 +69,7 @@ impl BoardLog {
         }
         if self.waits {
             self.waiting.append(frames);
-            // Search by position, since the indices of a restarted board begin again.
+            // Search for the index instead of comparing: the indices of a restarted board begin again.
             let is_first = |frame: &BoardFrame| Some(frame.index) == self.annotations.settled;
             let settled = self.waiting.iter().rposition(is_first).unwrap_or(0);
             let due = settled.max(self.waiting.len().saturating_sub(MOST_WAITING));
@@ -96,7 +96,7 @@ impl BoardLog {
         Ok(log.append(&text)?)
     }
 
-    /// Writes all waiting frames and closes the log; another may follow.
+    /// Writes all waiting frames and closes the log; a new log may follow.
     pub(super) fn close(
         &mut self,
         reference: Option<&mut ReferenceBeside>,

@@ -5,15 +5,16 @@
 //! piece:  arrival since the start, µs (u64) | number of bytes (u32) | bytes
 //! ```
 //!
-//! Numbers are little-endian. The times show how long a board was off or a port was gone. A file
-//! without this first line, from another program, holds bytes alone.
+//! Numbers are little-endian. The times show how long a board was off or a port was gone. A file without this first
+//! line, as from another program, holds only the bytes.
 
 use std::io::{self, BufRead, Read};
 use std::time::Duration;
 
 const FIRST_LINE: &[u8] = b"shellcal raw 1\n";
 
-/// Encodes bytes that arrived together, after the first line if first; as they are without a time.
+/// Encodes bytes that arrived together; the first piece includes the first line. Without a time, returns the bytes as
+/// they are.
 pub(crate) fn piece(bytes: &[u8], arrival: Option<Duration>, is_first: bool) -> Vec<u8> {
     let Some(arrival) = arrival else { return bytes.to_vec() };
     let mut piece = Vec::new();
@@ -29,7 +30,7 @@ pub(crate) fn piece(bytes: &[u8], arrival: Option<Duration>, is_first: bool) -> 
     piece
 }
 
-/// Reads recorded bytes, one arrival at a time; after a kill, also the incomplete last piece.
+/// Reads recorded bytes, one arrival at a time. After a kill, reads the incomplete last piece as far as it goes.
 #[derive(Debug)]
 pub struct CaptureReader<R> {
     input: R,

@@ -159,7 +159,7 @@ impl<P: Read + Write> Client<P> {
         }
     }
 
-    /// Returns the board's words before its last reset, or ""; fails like [`ask`](Self::ask).
+    /// Returns the board's last message before its last reset, or ""; fails like [`ask`](Self::ask).
     pub fn last_words(&mut self) -> Result<String, LinkError> {
         let mut words = Vec::new();
         loop {

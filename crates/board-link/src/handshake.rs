@@ -20,7 +20,7 @@ use shell_data::lock::lock;
 const BAUDS: [u32; 9] =
     [57_600, 115_200, 9_600, 230_400, 460_800, 38_400, 19_200, 921_600, 1_000_000];
 
-/// Timeout of an unexpected answer. At 9,600 baud that is 240 bytes.
+/// Timeout of an answer at a speed that may be wrong. At 9,600 baud, 240 bytes arrive in this time.
 const GLANCE: Duration = Duration::from_millis(250);
 
 const ENOUGH: usize = 2048;

@@ -34,7 +34,8 @@ pub use upload::{NotForBoard, for_board};
 use shared_proto::{Board, Command, Refusal};
 use shell_data::hint::Hint;
 
-/// System errors are text: a lost board must not look like a closed output pipe, a normal end.
+/// Errors of a link. System errors are stored as text: a lost board must not look like a closed output pipe, a normal
+/// end.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum LinkError {
     #[error("there is no port `{0}`")]

@@ -127,7 +127,7 @@ pub struct PortState {
     pub group: Option<String>,
     pub in_group: Option<bool>,
     pub holder: Option<(String, u32)>,
-    /// Latency timer of the USB adapter in ms: its wait for more bytes before it passes on a few.
+    /// Latency timer of the USB adapter in ms: how long it waits for more bytes before it passes on a few.
     pub latency_ms: Option<u32>,
     pub latency_file: Option<PathBuf>,
 }

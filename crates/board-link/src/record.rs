@@ -84,7 +84,7 @@ impl Source {
         }
     }
 
-    /// Returns the approximate sending time of bytes read now, if known.
+    /// Returns the approximate time since the start at which bytes read now were sent, if known.
     fn arrival(&self) -> Option<Duration> {
         match &self.input {
             // Only the wall clock continues while a computer sleeps.

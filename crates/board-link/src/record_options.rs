@@ -13,15 +13,15 @@ use crate::recording::{BoardFrame, LiveForces, Losses, NoFrame, UnsuitableCalibr
 
 #[derive(Clone, Debug, Default)]
 pub struct RecordOptions {
-    /// `None` to detect it.
+    /// The board's protocol; `None` to detect it.
     pub protocol: Option<Protocol>,
     pub forces: Option<LiveForces>,
     pub duration: Option<Duration>,
     /// Uplink that starts the board's stream, restores it after a restart, and stops it at the end.
     pub start: Option<Uplink>,
     pub as_sampled: bool,
-    /// Enables [`RecordCommand::Label`]: adds a column, and delays rows of the first board until
-    /// they are [settled](RecordCommand::Settled), since a block of time is found after its start.
+    /// Enables [`RecordCommand::Label`]: adds a column, and delays rows of the first board until they are
+    /// [settled](RecordCommand::Settled), since a block of time is recognised only after its start.
     pub labels: bool,
 }
 

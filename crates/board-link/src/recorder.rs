@@ -18,8 +18,8 @@ use crate::recording::{
     ReferenceBeside, ReferenceInput, other_version, protocol_name,
 };
 
-/// Time for which frames wait for earlier ones that may arrive late. A kill loses that much, and at
-/// the start what the detection of the protocol holds.
+/// Time for which frames wait for earlier ones that may arrive late. A kill loses these frames and, at the start, the
+/// bytes held for the detection of the protocol.
 const FLUSH: Duration = Duration::from_millis(400);
 
 /// Maximum number of waiting frames; bounds memory in a replay.
@@ -46,7 +46,7 @@ pub struct Recorded {
     pub elapsed_s: f64,
     #[serde(flatten)]
     pub losses: Losses,
-    /// Frames left out because they hold wrenches and the first held readings, or vice versa.
+    /// Frames left out because they hold wrenches but the first frame held readings, or vice versa.
     pub other_content: u64,
     pub reconnections: u64,
     #[serde(skip)]
@@ -86,7 +86,7 @@ impl Recorder {
         self.reference = input.map(|input| ReferenceBeside::new(input, epoch));
     }
 
-    /// Returns bytes that let every board stream; none without [`RecordOptions::start`].
+    /// Returns the bytes to send so that every board streams; none without [`RecordOptions::start`].
     pub fn commands(&mut self, arrival: Option<Duration>) -> Vec<u8> {
         let Some(uplink) = &self.options.start else { return Vec::new() };
         let heard = self.receiving.as_mut().map_or(&mut [][..], |(_, boards)| &mut boards.heard);
@@ -103,7 +103,7 @@ impl Recorder {
         heard(&self.receiving).iter().filter_map(|board| board.reception.identity)
     }
 
-    /// Writes the data due at `now`, since the start; returns the progress about twice a second.
+    /// Writes the data due at `now`, a time since the start. Returns the progress about twice a second.
     pub fn tend(
         &mut self,
         now: Duration,
@@ -212,7 +212,7 @@ impl Recorder {
         let Some((protocol, mut boards)) = self.receiving.take() else { return Ok(()) };
         let is_numbered = matches!(protocol, Protocol::Packets(_));
         let with_frames = boards.heard.iter_mut().filter(|board| !board.frames.is_empty());
-        // One failing log does not keep frames from the others.
+        // One log that fails does not stop the others.
         let written: Vec<_> = with_frames.map(|board| self.write(board, is_numbered)).collect();
         self.receiving = Some((protocol, boards));
         written.into_iter().collect()
@@ -230,14 +230,14 @@ impl Recorder {
             let new = BoardLog { sender, log, waits, annotations, ..BoardLog::default() };
             self.logs.push(new);
         }
-        // A calibration belongs to one sensor.
+        // A calibration belongs to one sensor: the first board's.
         let forces = self.options.forces.as_ref().filter(|_| at == 0);
         let reference = self.reference.as_mut().filter(|_| at == 0);
         let beside = (reference, self.now.as_secs_f64());
         self.logs[at].write(&mut board.frames, is_numbered, (forces, &self.options), beside)
     }
 
-    /// Executes the watcher's commands. Earlier frames go to the old log.
+    /// Executes the watcher's commands. Frames that arrived before a command go to the old log.
     fn follow(&mut self) -> Result<(), RecordError> {
         while let Some(command) =
             self.sinks.watcher.as_mut().and_then(|watcher| watcher.next_command())
@@ -348,7 +348,7 @@ fn heard(receiving: &Option<(Protocol, Boards)>) -> &[HeardBoard] {
     receiving.as_ref().map_or(&[], |(_, boards)| &boards.heard)
 }
 
-/// Creates the next board's log: the requested one, then others next to it.
+/// Creates the next board's log: the requested log for the first board, logs next to it for others.
 fn log_of(
     first: &mut Option<Box<dyn LogSink>>,
     logs: &[BoardLog],
@@ -467,7 +467,7 @@ mod tests {
         assert_eq!(std::fs::read_to_string(log).unwrap().lines().count(), 501);
     }
 
-    /// A kill loses at most the last second, after 1.2 s of waiting for the board's timing.
+    /// A kill loses at most the last second. At the start, frames wait up to 1.2 s for the board's timing.
     #[test]
     fn frames_are_written_within_a_second() {
         let dir = tempfile::tempdir().unwrap();

@@ -55,8 +55,9 @@ fn is_as(wanted: &Status, status: &Status) -> bool {
     status.streaming && settings(status) == settings(wanted)
 }
 
-/// Returns the commands that restore settings and stream. The longer of the two settings decides
-/// which order fits, so the commands for conversions come before and after the period.
+/// Returns the commands that restore settings and stream. A board accepts longer conversions only after a longer
+/// period, and a shorter period only after shorter conversions. So the commands for conversions come before and after
+/// the period.
 fn restart(uplink: &Uplink, identity: &Identity, wanted: &Status) -> Vec<u8> {
     let Status { period_us, conversions, settling_us, stream, .. } = *wanted;
     let settling = Command::SetSettling { settling_us };

@@ -82,8 +82,8 @@ fn cubic(polynomial: &Polynomial) -> Result<Cubic, NotForBoard> {
     Ok(board)
 }
 
-/// Converts a physics model to single precision, for readings in counts of 1/[`COUNTS_PER_LSB`]
-/// step. The board solves for the wrench alone: factors shared by the sensors become noise of each.
+/// Converts a physics model to single precision, for readings in counts of 1/[`COUNTS_PER_LSB`] step. The board solves
+/// for the wrench alone: factors shared by the sensors become independent noise of each sensor.
 fn physics(model: &PhysicsModel) -> Physics {
     let model = model.without_factors();
     let mut sensors = [PhysicsSensor::default(); CHANNELS];
@@ -188,7 +188,7 @@ mod tests {
                 let mut wrench = PerAxis::default();
                 host.wrench(&readings, &mut wrench);
                 for (axis, value) in on_the_board(&board, counts).into_iter().enumerate() {
-                    // z reaches 4.5, z³ 91: 24 coefficients that round at 2⁻²⁴ of 91.
+                    // z reaches 4.5 and z³ 91. Each of the 24 terms is rounded at 2⁻²⁴ of 91.
                     assert!((value - wrench[axis][0]).abs() < 24.0 * 91.0 * 6e-8);
                 }
             }

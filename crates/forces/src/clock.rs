@@ -31,7 +31,7 @@ pub struct ClockSearch {
 }
 
 impl ClockSearch {
-    /// Takes the times of the next rows, s; once a period is known, ignores all after `CLOCK_ROWS`.
+    /// Takes the times of the next rows, s. After `CLOCK_ROWS` rows, ignores further rows once a period is known.
     pub fn look_at(&mut self, times_s: &[f64]) {
         for &time in times_s {
             if self.is_done() {
@@ -51,7 +51,7 @@ impl ClockSearch {
         self.rows >= CLOCK_ROWS && !self.periods_s.is_empty()
     }
 
-    /// The clock, at the rate `rate_hz` if given; `None` if time has not advanced.
+    /// Returns the clock. `None` without rows, and also if time never advances and `rate_hz` is not given.
     pub fn finish(&self, rate_hz: Option<f64>) -> Option<Clock> {
         let first_s = self.first_s?;
         let own = || {
@@ -77,12 +77,13 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// Starts before the first row; by row, this is the first row of the log.
+    /// Creates a grid without rows. With [`RowRule::Rows`], the next row must be the first of the log.
     pub fn new(clock: Clock, rule: RowRule) -> Self {
         Self { clock, rule, next_row: 0, last_slot: 0 }
     }
 
-    /// Slots of the next rows. A row earlier than a previous one (a late frame) shares its slot.
+    /// Assigns slots to the next rows. A late row, with an earlier time than a previous one, gets the highest slot so
+    /// far.
     pub fn slots(&mut self, times_s: &[f64]) -> Vec<u64> {
         let slot = |&time: &f64| {
             let slot = match self.rule {
@@ -111,7 +112,7 @@ mod tests {
             times.chunks(piece).for_each(|times| search.look_at(times));
             let clock = search.finish(None).unwrap();
             assert_eq!(clock.first_s, 2.0);
-            // Times near 2 s carry rounding errors of 4e-16 s, periods of 2e-3 s.
+            // Times near 2 s have rounding errors of 4e-16 s; the period is 2e-3 s.
             assert!((clock.rate_hz - 500.0).abs() < 1e-6, "{clock:?}");
             assert_eq!(search.finish(Some(100.0)).unwrap().rate_hz, 100.0);
         }
@@ -143,7 +144,7 @@ mod tests {
     fn a_clock_that_drifts_by_less_than_half_a_period_a_row_keeps_the_grid_in_step() {
         let times: Vec<f64> = (0..10_000).map(|i| f64::from(i) * 1.001e-3).collect();
         let clock = Clock { first_s: 0.0, rate_hz: 1000.0 };
-        // 10.009 s after the first.
+        // The last row is 10.009 s after the first.
         assert_eq!(Grid::new(clock, RowRule::Time).slots(&times)[9999], 10_009);
     }
 }

@@ -51,13 +51,13 @@ impl Hint for FilterError {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Butterworth {
     order: usize,
-    /// The frequency of attenuation to 1/√2, Hz.
+    /// Frequency at which the gain is 1/√2, Hz.
     cutoff_hz: f64,
     rate_hz: f64,
     sections: Vec<FilterSection>,
 }
 
-/// One real pole or a pair of complex poles; `g = tan(π·cutoff/rate)`: prewarped cutoff, `k = 1/Q`: damping.
+/// One real pole or a pair of complex poles. `g = tan(π·cutoff/rate)` is the prewarped cutoff, `k = 1/Q` the damping.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum FilterSection {
     /// `g / (s + g)` under the bilinear transform `s = (z − 1)/(z + 1)`.
@@ -69,7 +69,7 @@ enum FilterSection {
 impl Butterworth {
     pub(crate) const LARGEST_ORDER: usize = 16;
 
-    /// The lowest cutoff, as a share of the rate. An output there depends on some million samples.
+    /// The lowest cutoff, as a share of the rate. At this cutoff, an output depends on about a million samples.
     pub(crate) const LOWEST: f64 = 2e-5;
 
     /// Designs a low-pass with −3.01 dB at `cutoff_hz`, as `scipy.signal.butter(order, cutoff, fs=rate)`.
@@ -105,15 +105,16 @@ impl Butterworth {
         Ok(Self { order, cutoff_hz, rate_hz, sections })
     }
 
-    /// Samples after which the filter has forgotten its past: outputs of two signals that differed by at most one
-    /// before them differ by at most `tolerance`, which bounds the tail sum of `|h|` of the impulse response h.
+    /// Number of samples after which the filter has forgotten its past. Two signals that differed by at most one before
+    /// these samples give outputs that differ by at most `tolerance`, the bound on the sum of `|h|` over the tail of
+    /// the impulse response h.
     ///
     /// # Panics
     /// If `tolerance` is not between 0 and 1.
     pub fn memory(&self, tolerance: f64) -> usize {
         assert!(0.0 < tolerance && tolerance < 1.0, "a tolerance between 0 and 1");
         // The slowest poles, at the angle θ = π/(2·order) from the imaginary axis, decay by a factor e in
-        // 1/(2π·cutoff·sin θ). The loop accounts for the bilinear transform near half the rate.
+        // 1/(2π·cutoff·sin θ) s. The loop accounts for the bilinear transform near half the rate.
         let angle = FRAC_PI_2 / self.order as f64;
         let rate = TAU * self.cutoff_hz / self.rate_hz * angle.sin();
         let piece = (4.0 / rate).ceil() as usize;
@@ -139,17 +140,17 @@ impl Butterworth {
         kept.map_or(0, |last| last + 1)
     }
 
-    /// Length of the continuation at either end; the signal must be longer than that.
+    /// Number of samples by which each end of a signal is continued; the signal must be longer.
     pub(crate) fn zero_phase_reach(&self) -> usize {
         3 * (self.order + 1)
     }
 
     /// Filters a whole signal forward, then backward: no delay, and twice the attenuation (−6.02 dB at the cutoff).
-    /// Both ends are continued by their reflection through the end point, over three times the order plus three
-    /// samples; each pass starts settled at its first value, as in `scipy.signal.sosfiltfilt`.
+    /// Each end is continued by `3·(order + 1)` samples: its reflection through the end point. Each pass starts settled
+    /// at its first value, as in `scipy.signal.sosfiltfilt`.
     ///
     /// # Errors
-    /// [`FilterError::TooFewSamples`] unless the signal is longer than that continuation.
+    /// [`FilterError::TooFewSamples`] unless the signal is longer than the continuation of an end.
     pub fn zero_phase(&self, samples: &mut [f64]) -> Result<(), FilterError> {
         let reach = self.zero_phase_reach();
         if samples.len() <= reach {
@@ -169,14 +170,14 @@ impl Butterworth {
     }
 }
 
-/// A causal low-pass, fed in pieces of any size. It starts at zero, as `scipy.signal.lfilter` does, which suits a
-/// tared signal; [`settled`](Self::settled) starts elsewhere.
+/// A causal low-pass, fed in pieces of any size. It starts at zero, as `scipy.signal.lfilter` does, which suits a tared
+/// signal; [`settled`](Self::settled) starts at another value.
 #[derive(Clone, Debug)]
 pub struct Filter {
     sections: Vec<(FilterSection, FilterState)>,
 }
 
-/// The two integrators of a section: band-pass (only of a pair) and low-pass.
+/// State of the two integrators of a section: band-pass (used by a pair only) and low-pass.
 #[derive(Clone, Copy, Debug)]
 struct FilterState {
     band: f64,
@@ -277,8 +278,8 @@ mod tests {
         }
     }
 
-    /// Expected: poles (a1, a2 of each section) of `scipy.signal.butter(order, cutoff, fs=1000,
-    /// output="sos")`, SciPy 1.17.1, and the product of the sections' gains, its `sos[0, 0]`.
+    /// Expected, from `scipy.signal.butter(order, cutoff, fs=1000, output="sos")` of SciPy 1.17.1: the poles (a1 and a2
+    /// of each section) and the product of the sections' gains (`sos[0, 0]`).
     #[test]
     fn sections_equal_scipy() {
         let cases: [(usize, f64, f64, &[[f64; 2]]); 4] = [
@@ -321,7 +322,7 @@ mod tests {
             };
             assert_eq!(sections.len(), poles.len());
             for (section, [a1, a2]) in sections.iter().zip(poles) {
-                // Both values have a few roundings at a magnitude of 2.
+                // Both values, of magnitude 2, carry a few rounding errors.
                 assert!((section[4] - a1).abs() < 4e-15, "{order}: {} {a1}", section[4]);
                 assert!((section[5] - a2).abs() < 4e-15, "{order}: {} {a2}", section[5]);
                 assert!(section[2] == 0.0 || section[1] == 2.0 * section[0]);
@@ -384,7 +385,7 @@ mod tests {
         Butterworth::low_pass(order, cutoff, 1000.0).unwrap()
     }
 
-    /// `scipy.signal.sosfiltfilt` of SciPy 1.17.1 on [`test_signal`], at samples 0, 1, 50 and 199.
+    /// Expected: `scipy.signal.sosfiltfilt` of SciPy 1.17.1 on [`test_signal`], at samples 0, 1, 50 and 199.
     #[test]
     fn zero_phase_output_equals_scipy() {
         let cases = [
@@ -470,8 +471,8 @@ mod tests {
         let bump = |i: i32| 1.0 / (1.0 + f64::from(i * i) / 400.0);
         let mut signal: Vec<f64> = (-500..=500).map(bump).collect();
         design(4, 50.0).zero_phase(&mut signal).unwrap();
-        // The two ends process the continuation in different order. The slowest pole of this filter
-        // decays by 0.89 a sample, and to 1e-20 at 400 samples from the end.
+        // The two ends process the continuation in different order. The slowest pole of this filter decays by a factor
+        // of 0.89 per sample, so to 1e-20 at 400 samples from the end.
         for i in 400..500 {
             assert!((signal[i] - signal[1000 - i]).abs() < 1e-9);
         }

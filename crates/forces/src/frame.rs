@@ -56,7 +56,7 @@ impl FrameChange {
         Self { origin_m, axes: transposed(&columns), determinant: 1.0 }
     }
 
-    /// Takes axes of the old frame, with signs, as x, y and z; `None` if one is missing.
+    /// Creates a frame whose x, y and z are axes of the old frame, by index and sign; `None` if an old axis is missing.
     pub fn from_axes(axes: [(usize, f64); 3]) -> Option<Self> {
         let mut matrix = Matrix::default();
         for (row, (axis, sign)) in matrix.iter_mut().zip(axes) {
@@ -83,7 +83,7 @@ impl FrameChange {
         }
     }
 
-    /// Transforms standard errors, as if independent between old axes.
+    /// Transforms standard errors, as if the errors of the old axes were independent.
     pub fn apply_to_errors(&self, errors: &mut PerAxis<Vec<f64>>) {
         let columns: PerAxis<PerAxis<f64>> = std::array::from_fn(|axis| {
             let mut unit = PerAxis::default();
@@ -159,7 +159,7 @@ mod tests {
         assert_near(at_point, [2.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
     }
 
-    /// After 90° about x the new y is the old z, about which the next 90° are; another order differs.
+    /// After 90° about x, the new y is the old z; the next 90° are about it. Another order gives another frame.
     #[test]
     fn turns_are_about_axes_that_have_turned_before() {
         let wrench = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0];

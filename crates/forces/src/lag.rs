@@ -4,9 +4,10 @@ use calibration::dynamics::ReferenceLag;
 use calibration::memory::TimeBase;
 use shell_data::wrench::PerAxis;
 
-/// Resamples forces at the reference-clock times of their rows' stamps, on the cubic with the forces and slopes (from
-/// a parabola through three rows) of both neighbours. Values before the first row, after the last, and where time
-/// goes back are held. Linear interpolation would flatten fast forces, as the fit has already done once.
+/// Resamples forces at the time stamps of their rows, read on the reference's clock. Between two rows, forces follow
+/// the cubic with the forces and slopes of both; slopes are from parabolas through three rows. Forces are held before
+/// the first row, after the last, and where time goes back. Linear interpolation would flatten fast forces, as the fit
+/// has already done once.
 #[derive(Clone, Debug)]
 pub(super) struct LagShift {
     lag: ReferenceLag,
@@ -35,7 +36,7 @@ impl LagShift {
         self.take(forces, false)
     }
 
-    /// Takes the last forces, and returns those of all pending rows.
+    /// Takes the last forces, and returns the forces of all pending rows.
     pub(super) fn finish(&mut self, forces: PerAxis<Vec<f64>>) -> PerAxis<Vec<f64>> {
         self.take(forces, true)
     }
@@ -54,7 +55,7 @@ impl LagShift {
                     output.push(at.value(times, column));
                 }
             }
-            // The slope at the row before needs the one before it.
+            // The slope at row `before` needs the row before that.
             oldest = at.before.saturating_sub(1).min(self.next);
             self.next += 1;
         }
@@ -75,7 +76,7 @@ struct Between {
 }
 
 impl Between {
-    /// Finds a time from row `from` on; `None` if a row that it needs may still have to come.
+    /// Finds the rows around `wanted`, searching from row `from`. `None` if a needed row may not have arrived yet.
     fn find(times: &[f64], from: usize, wanted: f64, are_all: bool) -> Option<Self> {
         let mut before = from;
         while before > 0 && times[before] > wanted && times[before - 1] <= times[before] {
@@ -89,7 +90,7 @@ impl Between {
                     let is_known = are_all || before + 2 < times.len();
                     return is_known.then_some(Self { before, share });
                 }
-                // A row, or time goes back.
+                // The time is that of a row, or time goes back.
                 Some(_) => break,
                 None if are_all || times[before] == wanted => break,
                 None => return None,
@@ -118,7 +119,7 @@ impl Between {
             })
         };
         let [start, end] = [slope(before, before.checked_sub(1)), slope(after, Some(after + 1))];
-        // The cubic, as the straight line and what bends it.
+        // The cubic is the straight line plus a bend.
         let bend = (1.0 - share) * (start - secant) - share * (end - secant);
         forces[before] + share * rise + share * (1.0 - share) * step * bend
     }
@@ -152,7 +153,7 @@ mod tests {
             let early = moved(-0.75, TimeBase::Seconds, &times, pieces);
             assert_eq!(early, [1.5, 3.5, 4.5, 7.5, 8.0]);
             let rows = moved(-0.5, TimeBase::Rows, &times, pieces);
-            // By row the line bends: cubics through four rows, and straight on at both ends.
+            // By row, the forces do not lie on a line. Cubics join them, with straight-line slopes at both ends.
             assert_eq!(rows, [1.0625, 2.4375, 4.4375, 7.0625, 8.0]);
         }
     }

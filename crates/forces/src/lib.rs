@@ -6,8 +6,8 @@
 //! readings ─▶ wrench = W(readings) ─▶ − tare ─▶ low-pass (on an even grid of time) ─▶ window
 //! ```
 //!
-//! A log, calibration and [`ForceOptions`] give the same bits in every use: whole, in blocks,
-//! around a window, or during recording.
+//! The forces of a log, calibration and [`ForceOptions`] have the same bits in every use: whole, in blocks, around a
+//! window, or during recording.
 //!
 //! **Tare.** The mean wrench of the first 50 *fresh* frames, or of those between two times, without
 //! repeated rows of telemetry. A tare can also follow the [stationary intervals](stationary):
@@ -24,9 +24,8 @@
 //! therefore be processed alone; rows further away would change a force by less than 10⁻¹² of the
 //! signal's range. A gap longer than the filter's memory separates its sides.
 //!
-//! **Lag.** A reference that lagged behind the readings shows a load later on its clock. Forces are
-//! given on that clock: their time stamps are shifted, or forces are interpolated between rows that
-//! keep their stamps.
+//! **Lag.** A reference that lagged behind the readings shows each load at a later time of its clock. Forces are given
+//! on the reference's clock: their time stamps are shifted, or the rows keep their stamps and forces are interpolated.
 //!
 //! The crate neither reads files nor prints. `docs/forces.md` describes the pipeline for users.
 

@@ -11,7 +11,7 @@ pub struct ForceOptions {
     /// Leaves forces unfiltered, instead of failing, if the rate does not suit a default low-pass.
     #[serde(skip)]
     pub low_pass_is_optional: bool,
-    /// Slots of the low-pass per second, in place of the log's own rate, Hz.
+    /// Slots of the low-pass's grid per second, Hz, instead of the rate of the log's rows.
     pub rate_hz: Option<f64>,
     pub rule: RowRule,
 }
@@ -33,7 +33,7 @@ pub enum TareRule {
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct LowPass {
-    /// A causal filter attenuates to 1/√2 here, a zero-phase filter to 1/2.
+    /// Frequency at which the gain is 1/√2 (causal) or 1/2 (zero-phase), Hz.
     pub cutoff_hz: f64,
     pub order: usize,
     pub zero_phase: bool,
@@ -42,12 +42,12 @@ pub struct LowPass {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RowRule {
-    /// A frame at the time on its clock. Missing rows are held for the filter; means and integrals
-    /// are over time, linear between rows.
+    /// A row is a frame at the time on its clock. In place of missing rows, the filter holds the last value. Means and
+    /// integrals are over time, linear between rows.
     #[default]
     Time,
-    /// A sample, as in the lab's notebooks: every row is a frame and a step of the filter, and
-    /// means are over rows. Energy sums each row's power times the time since the previous row.
+    /// A row is one sample, as in the lab's notebooks: a frame and a step of the filter. Means are over rows. Energy
+    /// sums each row's power times the time since the previous row.
     Rows,
 }
 
@@ -71,7 +71,7 @@ impl Default for LowPass {
 }
 
 impl ForceOptions {
-    /// The calibration's own zero, unfiltered.
+    /// Options without tare and low-pass: forces relative to the calibration's own zero, unfiltered.
     pub const RAW: Self = Self {
         tare: TareRule::Untared,
         low_pass: None,
@@ -80,7 +80,7 @@ impl ForceOptions {
         rule: RowRule::Time,
     };
 
-    /// These options with a causal low-pass and zero, as for recording, or with both free of delay.
+    /// Returns these options with a causal low-pass and tare, as for recording, or with both free of delay.
     pub fn with_delay(mut self, causal: bool) -> Self {
         if let Some(low_pass) = &mut self.low_pass {
             low_pass.zero_phase = !causal;

@@ -16,7 +16,7 @@ use super::{ForceOptions, LowPass, RowRule, TareFrames, TareResult, TareRule};
 #[derive(Clone, Debug, Default)]
 pub struct ForcePipeline {
     pub(super) rule: RowRule,
-    /// The first, if the tare follows the stationary intervals.
+    /// The tare; that of the first interval, if the tare follows the stationary intervals.
     pub tare: Option<Tare>,
     /// Zeros that replace the tare's mean, if the tare follows the stationary intervals.
     pub(super) zeros: Option<StationaryZeros>,
@@ -24,7 +24,7 @@ pub struct ForcePipeline {
     pub tare_frames: Option<TareFrames>,
     pub low_pass: Option<AppliedLowPass>,
     pub(super) filter: Option<(Clock, BlockPlan)>,
-    /// The reference's lag, if forces are to be given at their rows' time stamps on its clock.
+    /// The reference's lag, if forces are interpolated to the time stamps of their rows on the reference's clock.
     pub lag: Option<ReferenceLag>,
 }
 
@@ -49,8 +49,8 @@ impl ForcePipeline {
         }
     }
 
-    /// Tared, unfiltered wrench of every row, N and N·m, with bits independent of other rows.
-    /// Times, s, serve a tare that follows the stationary intervals.
+    /// Tared, unfiltered wrench of every row, N and N·m, with bits that do not depend on other rows. Times, s, are only
+    /// needed if the tare follows the stationary intervals.
     pub fn wrench(
         &self,
         calibration: &Calibration,
@@ -63,7 +63,7 @@ impl ForcePipeline {
         wrench
     }
 
-    /// [`Self::wrench`], converting each of `frames`, which rows refer to, once.
+    /// Computes [`Self::wrench`] of rows that repeat `frames`, but converts each frame only once.
     pub fn wrench_of_rows(
         &self,
         calibration: &Calibration,
@@ -96,7 +96,7 @@ impl ForcePipeline {
         }
     }
 
-    /// Starts low-pass and lag along `axes`, from the first row of the log or the first
+    /// Starts low-pass and shift by the lag for `axes`. The next row must be the first of the log or the first
     /// [needed](super::PipelineSetup::needed_s).
     pub fn stream(&self, axes: &[Axis]) -> ForceStream {
         let low_pass = self.filter.as_ref().map(|(clock, plan)| {
@@ -165,8 +165,8 @@ impl PipelineSetup {
         setup
     }
 
-    /// [`Self::new`] for recording. A tare that follows the stationary intervals searches only for
-    /// the first; report all of them to [`ForcePipeline::follow`].
+    /// Creates a set-up for recording. A tare that follows the stationary intervals searches only for the first; report
+    /// all intervals to [`ForcePipeline::follow`].
     pub fn while_recording(options: ForceOptions) -> Self {
         let mut setup = Self::new(options);
         setup.tare.finder = None;
@@ -193,7 +193,8 @@ impl PipelineSetup {
         self.tare.is_done() && (!needs_clock || self.clock.is_done())
     }
 
-    /// Rows, s, needed for forces between two times, if the clock is [known](ClockSearch::is_done).
+    /// Returns the range of time, s, whose rows are needed for forces between two times. The clock must be
+    /// [known](ClockSearch::is_done).
     ///
     /// # Errors
     /// [`ForceError::Filter`].
@@ -201,12 +202,12 @@ impl PipelineSetup {
         let everything = (f64::NEG_INFINITY, f64::INFINITY);
         let Some(clock) = self.clock.finish(self.options.rate_hz) else { return Ok(everything) };
         let Some((_, plan)) = self.low_pass()? else { return Ok((from_s, to_s)) };
-        // By row, the grid is not a grid of time.
+        // With `RowRule::Rows`, the grid is not a grid of time.
         if self.options.rule == RowRule::Rows {
             return Ok(everything);
         }
         let needed = plan.needed(clock.slot(from_s), clock.slot(to_s));
-        // Half a slot is lost to rounding, and so is the rounding of the time itself.
+        // A row may be half a slot off its slot's time, plus the rounding error of the time itself.
         let slack = 1.0 / clock.rate_hz;
         let low =
             if needed.start == 0 { f64::NEG_INFINITY } else { clock.time_s(needed.start) - slack };

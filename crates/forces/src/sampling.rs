@@ -10,7 +10,7 @@ const GAP: f64 = 10.0;
 #[derive(Clone, Debug, Default)]
 pub struct Sampling {
     last_s: Option<f64>,
-    /// Number and sum of the periods of each step.
+    /// Number and sum, s, of the periods in each step of the histogram.
     steps: Vec<(u64, f64)>,
     backwards: u64,
 }
@@ -21,7 +21,7 @@ pub struct Rate {
     pub mean_hz: f64,
     /// One over the median period.
     pub median_hz: f64,
-    /// Distance between the 5th and the 95th percentile of the periods, in medians.
+    /// Distance between the 5th and the 95th percentile of the periods, divided by the median.
     pub spread: f64,
     /// Number of periods more than ten times the median.
     pub gaps: u64,
@@ -64,7 +64,7 @@ impl Sampling {
         })
     }
 
-    /// The mean of the step that contains a percentile: exact if periods are equal.
+    /// The mean period, s, of the step that contains a percentile: exact if all periods are equal.
     fn percentile(&self, periods: u64, share: f64) -> Option<f64> {
         let rank = (share * periods as f64).ceil().max(1.0) as u64;
         let mut passed = 0;
@@ -93,7 +93,7 @@ mod tests {
     fn even_sampling_has_its_rate_and_no_spread() {
         let times: Vec<f64> = (0..1000).map(|i| 5.0 + f64::from(i) / 1000.0).collect();
         let rate = rate(&times).unwrap();
-        // Times of about 5 s carry rounding errors of 1e-15 s, periods of 1e-3 s.
+        // Times near 5 s have rounding errors of 1e-15 s; the period is 1e-3 s.
         assert!((rate.median_hz - 1000.0).abs() < 1e-6 && (rate.mean_hz - 1000.0).abs() < 1e-6);
         assert!(rate.spread < 0.01, "{rate:?}");
         assert_eq!((rate.gaps, rate.backwards), (0, 0));

@@ -1,14 +1,13 @@
-//! Low-pass over one signal, given row by row on a grid that rows need not fill.
+//! Low-pass over one signal, given row by row on an even grid of time; slots of the grid may lack rows.
 //!
-//! The grid is divided into blocks of `2·m` slots, with the filter's memory m. The filter of block
-//! b starts at slot `2·m·b − m` and, if it also runs backward, ends m slots after the block.
-//! Outputs depend only on nearby slots of fixed blocks: a log read from its start and the rows
-//! around a window give the same bits.
+//! The grid is divided into blocks of `2·m` slots, where m is the filter's memory. The filter of block b starts at slot
+//! `2·m·b − m` and, if it also runs backward, ends m slots after the block. Outputs depend only on nearby slots of
+//! fixed blocks. So a log read from its start and the rows around a window give the same bits.
 
 use super::filter::{Butterworth, Filter, FilterError};
 
-/// Tolerance relative to a filter over the whole log, as a share of the signal's largest change:
-/// far below a converter step.
+/// Tolerated difference from a filter over the whole log, as a share of the signal's largest change: far below a
+/// converter step.
 const FORGOTTEN: f64 = 1e-12;
 
 #[derive(Clone, Debug, PartialEq)]
@@ -18,11 +17,11 @@ pub(super) struct BlockPlan {
     /// Starts a causal filter at zero, as the lab's `lfilter` did after taring, rather than settled
     /// at the first value.
     starts_at_zero: bool,
-    /// Slots after which the filter has forgotten the past; a longer gap is a pause.
+    /// Number of slots after which the filter has forgotten the past; a longer gap is a pause.
     memory: u64,
 }
 
-/// The signal since the last pause for zero-phase, a running filter for causal.
+/// State of the low-pass: the signal since the last pause if zero-phase, a running filter if causal.
 #[derive(Clone, Debug)]
 pub(super) struct SignalFilter {
     plan: BlockPlan,
@@ -58,7 +57,7 @@ impl BlockPlan {
         start.saturating_sub(self.memory)..end + self.memory + 1
     }
 
-    /// Outputs the rows of a block; the segment holds as much of it as exists.
+    /// Outputs the rows of a block; the segment holds the slots of its span that exist.
     fn output_block(
         &self,
         segment: &mut Segment,
@@ -130,7 +129,7 @@ impl SignalFilter {
             self.segment = Some(Segment::new(slot, value));
             return Ok(());
         };
-        // Blocks that no later value can change.
+        // Output the blocks that no later value can change.
         while let Some(&first) = segment.waiting.first() {
             let block = plan.block(first);
             let end = plan.span(block).end;
@@ -153,8 +152,7 @@ impl SignalFilter {
         Ok(())
     }
 
-    /// Outputs pending rows. A segment too short for the filter, unless it is the whole log, is
-    /// continued by its last value.
+    /// Outputs pending rows. If a segment is too short for the filter and not the whole log, its last value is held.
     fn close(&mut self, is_whole_log: bool, outputs: &mut Vec<f64>) -> Result<(), FilterError> {
         let Some(mut segment) = self.segment.take() else { return Ok(()) };
         let reach = self.plan.design.zero_phase_reach() as u64;
@@ -274,7 +272,7 @@ mod tests {
         outputs
     }
 
-    /// Signal on the grid, where later rows of a slot win, and the slots of the rows.
+    /// Signal on the grid: empty slots hold the value before them, and the last row of a slot counts.
     fn spread(slots: &[u64], values: &[f64]) -> Vec<f64> {
         let mut even: Vec<f64> = Vec::new();
         for (&slot, &value) in slots.iter().zip(values) {

@@ -1,4 +1,4 @@
-//! Frames used as unloaded, a check by the training data, and a zero taken during recording.
+//! Tare: frames taken as unloaded, a check of them against the training data, and a zero taken during recording.
 
 use calibration::Calibration;
 use calibration::quality::AxisQuality;
@@ -10,7 +10,7 @@ use shell_data::wrench::{Axis, AxisValues, PerAxis};
 use super::stationary::{STATIONARY_FRAMES, StationaryFinder, StationaryInterval};
 use super::{DEFAULT_TARE_FRAMES, ForceError, ForcePipeline, RowRule, TareRule};
 
-/// Frames summed at once: fixed, so the mean has the same bits however the log is cut.
+/// Number of frames summed at once. It is fixed, so that the mean has the same bits however the log is cut.
 const CHUNK: usize = 4096;
 
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -18,7 +18,7 @@ pub(super) struct TareSearch {
     rule: TareRule,
     rows: RowRule,
     is_over: bool,
-    /// Frames found that are not yet in `mean`: counts, one column per channel.
+    /// Readings of found frames that are not yet in `mean`, counts, one column per channel.
     chunk: Vec<Vec<f64>>,
     mean: Option<Tare>,
     spread: PerAxis<RunningVariance>,
@@ -27,11 +27,11 @@ pub(super) struct TareSearch {
     seen_s: Option<(f64, f64)>,
     pub(super) frames: Option<TareFrames>,
     zeros: Option<StationaryZeros>,
-    /// The search; `None` if the caller searches, and only the first interval is needed here.
+    /// Search for stationary intervals; `None` if the caller searches, and only the first interval is needed here.
     pub(super) finder: Option<StationaryFinder>,
 }
 
-/// The frames of a tare; if it follows the stationary intervals, those of the first.
+/// The frames of a tare; those of the first interval, if the tare follows the stationary intervals.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TareFrames {
     pub readings: Vec<Vec<f64>>,
@@ -43,10 +43,10 @@ pub struct TareFrames {
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct TareResult {
     pub frames: usize,
-    /// s; `None` if the log has no time.
+    /// Time of the first frame, s; `None` if the log has no time.
     pub start_s: Option<f64>,
     pub end_s: Option<f64>,
-    /// Subtracted, N and N·m.
+    /// The wrench that is subtracted, N and N·m.
     #[serde(serialize_with = "by_column")]
     pub wrench: AxisValues<f64>,
     /// N and N·m.
@@ -60,7 +60,7 @@ pub struct TareResult {
 
 #[derive(Clone, Copy, Debug)]
 pub struct FirstRows<'a> {
-    /// s; empty if the log has no time.
+    /// Times, s; empty if the log has no time.
     pub times_s: &'a [f64],
     pub readings: &'a [Vec<f64>],
     pub fresh: &'a [bool],
@@ -85,7 +85,7 @@ impl TareSearch {
         }
     }
 
-    /// Returns true if all frames are found; the search for further intervals continues.
+    /// Returns true if no more rows are needed: never while stationary intervals are searched for.
     pub(super) fn is_done(&self) -> bool {
         self.is_over || (self.found >= self.wanted() && self.finder.is_none())
     }
@@ -228,7 +228,7 @@ impl StationaryZeros {
         }
     }
 
-    /// N and N·m; zero if there was no stationary interval.
+    /// Returns the zero at a time, N and N·m: 0 if there was no stationary interval.
     pub(super) fn at(&self, time_s: f64) -> PerAxis<f64> {
         if self.causal {
             let next = self.knots.partition_point(|knot| knot.end_s <= time_s);
@@ -281,7 +281,7 @@ pub fn by_column<T: serde::Serialize, S: serde::Serializer>(
     serializer.collect_map(values.iter().map(|(axis, value)| (axis.column(), value)))
 }
 
-/// Share of the largest training load from which a tare is doubtful: drift and noise are below.
+/// Share of the largest training load above which a tare is doubtful; drift and noise stay below it.
 const LOADED: f64 = 0.1;
 
 /// Multiple of the calibration error below which a tare wrench is not a detectable load.
@@ -290,9 +290,8 @@ const ERRORS: f64 = 4.0;
 const CONSEQUENCE: &str = "every force of this log is relative to it";
 
 impl TareResult {
-    /// The most serious reason to doubt that the frames were unloaded: their mean wrench is far
-    /// from the zero of the calibration, or changes during the tare. `errors` and `loads` belong to
-    /// the training data.
+    /// The most serious reason to doubt that the frames were unloaded: their mean wrench is far from the zero of the
+    /// calibration, or the wrench changes during the tare. `errors` and `loads` describe the training data.
     pub fn doubt(&self, errors: &PerAxis<AxisQuality>, loads: &Excitation) -> Option<String> {
         let largest = loads.largest_loads();
         let excess = |of: &AxisValues<f64>| {
@@ -337,7 +336,7 @@ impl RunningTare {
         self.pending.is_some()
     }
 
-    /// Returns true if this wrench completes a tare, which applies from it on.
+    /// Returns true if this wrench completes a tare; the new zero applies from this wrench on.
     pub fn push(&mut self, wrench: PerAxis<f64>) -> bool {
         let Some((count, sum)) = &mut self.pending else { return false };
         *count += 1;
@@ -450,7 +449,7 @@ mod tests {
         assert_eq!(none.at(1.0), [0.0; 6]);
     }
 
-    /// Loads up to 10 N and 1 N·m, errors of 0.1 and 0.01.
+    /// Returns the doubt about a tare, for training loads up to 10 N and 1 N·m and errors of 0.1 N and 0.01 N·m.
     fn doubt(wrench: [f64; 2], sd: [f64; 2]) -> Option<String> {
         let scale = |axis: Axis| if axis.is_moment() { 0.1 } else { 1.0 };
         let axis = |axis| AxisExcitation { max: 10.0 * scale(axis), ..AxisExcitation::default() };

@@ -42,10 +42,10 @@ struct Filtered {
     grid: Grid,
     memory: u64,
     design: Butterworth,
-    /// For each column, the filter before the newest slot, and the newest value.
+    /// For each column, the filter's state before the newest slot, and the newest value.
     filters: Vec<Option<(Filter, f64)>>,
     slot: u64,
-    /// Period of the new rate with the last row passed on.
+    /// Number of the period, at the new rate, in which the last row was passed on.
     period: Option<i64>,
 }
 
@@ -55,7 +55,7 @@ impl Decimator {
         Self { rate_hz, stage, flags: String::new(), lost: false }
     }
 
-    /// Takes rows; returns those to pass on. The first wait until their rate is known. Fails with
+    /// Takes rows; returns the rows to pass on. The first rows wait until the rows' rate is known. Fails with
     /// [`FilterError`] if the new rate is too low for the rate of the rows.
     pub fn push(
         &mut self,
@@ -142,7 +142,7 @@ impl Filtered {
                 none => *none = Some((Filter::settled(&self.design, *value), *value)),
             }
         }
-        // In the middle of a slot, rounding does not move a row into the next period.
+        // Use the middle of the slot, so that rounding does not move a row into the next period.
         let periods = ((slot as f64 + 0.5) * rate_hz / self.clock.rate_hz).floor() as i64;
         let is_due = self.period.is_none_or(|last| periods > last);
         self.period = self.period.max(Some(periods));
@@ -186,7 +186,7 @@ mod tests {
         assert_eq!(passed, [0, 10]);
     }
 
-    /// By its mean square over whole periods: few samples hit the peak.
+    /// Returns the amplitude of a sine by its mean square over whole periods: few samples hit the peak.
     fn amplitude(rows: &[StreamRow]) -> f64 {
         let rows = rows.iter().filter(|row| row.index >= 1000);
         let values: Vec<f64> = rows.map(|row| row.wrench.unwrap()[0]).collect();

@@ -17,7 +17,7 @@ pub struct StreamRow {
     pub host_us: i64,
     /// Readings in steps of the 12-bit converter.
     pub readings: Option<[f64; CHANNELS]>,
-    /// N and N·m.
+    /// Wrench, N and N·m.
     pub wrench: Option<PerAxis<f64>>,
     pub standard_errors: Option<PerAxis<f64>>,
     /// Flags as in a log, plus `tared` and `markN`.

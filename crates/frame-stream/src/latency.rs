@@ -1,14 +1,14 @@
 //! Latency of rows at their readers.
 //!
-//! The offset between the clocks of board and computer is unknown. The latency of a row is its
-//! delay beyond the fastest row of the same ten seconds, which also follows clock drift. The
-//! fastest row's own delay (conversion and transmission) is not included.
+//! The offset between the clocks of board and computer is unknown. The latency of a row is its delay beyond the fastest
+//! row of the same ten seconds. Such short blocks of time also follow clock drift. The fastest row's own delay
+//! (conversion and transmission) is not included.
 
 use std::fmt;
 
 use calibration::magnitudes::Magnitudes;
 
-/// Duration of a block of time, which has one fastest row, µs of the board's clock.
+/// Duration of a block of time, within which rows are compared with the fastest, µs of the board's clock.
 const TIME_BLOCK_US: i64 = 10_000_000;
 
 /// Unit of the counted delays, µs: up to 2.56 s are distinguished.

@@ -32,9 +32,9 @@ const RATE_US: i64 = 1_000_000;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NetFtAddress {
-    /// By default, requests are accepted from this machine only.
+    /// Address to listen at. By default, requests are accepted from this machine only.
     pub ip: IpAddr,
-    /// `None` for the port of a box.
+    /// UDP port; `None` for that of a box.
     pub port: Option<u16>,
 }
 
@@ -46,7 +46,7 @@ impl Default for NetFtAddress {
 
 #[derive(Clone, Debug)]
 pub struct NetFtPage {
-    /// The first free one should serve the page.
+    /// Addresses of which the first free one should serve the page.
     pub addresses: Vec<SocketAddr>,
     state: Arc<Mutex<BoxState>>,
 }

@@ -184,7 +184,7 @@ impl Readers {
         self.boxes.iter().for_each(|of| of.send(row));
         let (number, gone, encoders) = (self.rows, &mut self.gone, &mut self.encoders);
         self.rows += 1;
-        // Without its end, which differs between readers.
+        // The row in each format, without its end, which differs between readers.
         let mut begun: [Option<Vec<u8>>; 2] = [None, None];
         self.readers.retain_mut(|reader| {
             let at = reader.format as usize;
@@ -347,7 +347,7 @@ impl StreamReader {
     }
 }
 
-/// Four seconds at 1 kHz.
+/// Maximum number of rows that wait for a reader: four seconds at 1 kHz.
 const WAITING: usize = 4096;
 
 const PIECE: usize = 1 << 16;
@@ -382,7 +382,7 @@ impl PipeReader {
         }
     }
 
-    /// Waits until rows are written, or none was for `patience`; returns the number written.
+    /// Waits until all rows are written, or none was written for `patience`. Returns the number written.
     fn finish(&mut self, patience: Duration) -> (u64, io::Result<()>) {
         self.rows = None;
         let (mut written, mut since) = (self.written.load(Ordering::Acquire), Instant::now());

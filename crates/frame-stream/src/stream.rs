@@ -66,7 +66,7 @@ pub struct FrameStream {
     /// The first row with a new zero has the flag `tared`.
     tare: RunningTare,
     last_index: Option<i64>,
-    /// Marks so far, and pending ones.
+    /// Number of marks so far, and of marks that wait for a row.
     marks: (u32, u32),
     commands: Option<Receiver<StreamCommand>>,
     decimator: Option<Decimator>,
@@ -132,7 +132,7 @@ impl FrameStream {
         self.pass(frames, false)
     }
 
-    /// Sends the rows of frames; once `ended`, also those that waited for later ones.
+    /// Sends the rows of frames; once `ended`, also rows that waited for later frames.
     fn pass(&mut self, frames: &[BoardFrame], ended: bool) -> Result<(), RecordError> {
         let mut rows = self.rows(frames, now_us(), ended)?;
         if let Some(decimator) = &mut self.decimator {
@@ -144,7 +144,7 @@ impl FrameStream {
         Ok(())
     }
 
-    /// Returns the rows complete at `host_us`: with alignment, those of earlier frames.
+    /// Returns the rows that are complete at `host_us`. With alignment, they belong to earlier frames.
     fn rows(
         &mut self,
         frames: &[BoardFrame],
@@ -208,7 +208,7 @@ impl FrameStream {
     fn send(&mut self, row: &StreamRow, is_first: bool) {
         self.readers.send(row, self.axes);
         self.sent += 1;
-        // Not the first rows and late frames, delayed by the start and the radio.
+        // Leave out the first rows and late frames, which the start and the radio have delayed.
         if !is_first && self.newest.is_some_and(|newest| row.index > newest) {
             self.latency.push(row.time_us, now_us());
         }
@@ -258,7 +258,7 @@ pub struct StreamWatcher {
     marks: Vec<RecordCommand>,
 }
 
-/// The error ended the stream; `None` after the result was taken.
+/// The stream, or the error that ended it; `None` after the result was taken.
 type StreamState = Option<Result<Box<FrameStream>, RecordError>>;
 
 #[derive(Clone, Debug)]

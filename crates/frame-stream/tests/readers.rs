@@ -69,7 +69,7 @@ fn a_stopped_reader_loses_rows_and_no_other_reader_does() {
         reading.read_line(&mut line).unwrap();
         assert_eq!((number(&line, "row"), number(&line, "lost")), (index, 0));
     }
-    // It continues with the pending rows, and the next row shows how many it has lost.
+    // The stopped reader continues with the pending rows, and the next row shows how many it has lost.
     stopped.set_nonblocking(true).unwrap();
     let (mut got, mut index) = (Vec::new(), ROWS);
     let whole = loop {

@@ -15,15 +15,15 @@ pub(crate) const MARKS: usize = 1000;
 /// Block of time for noise and the channels' states, s.
 const RECENT_S: f64 = 1.0;
 
-/// Minimum scales, so that noise looks like noise: N and N·m, and counts.
+/// Minimum scales of traces, N, N·m and counts, so that noise looks like noise.
 const LEAST_FORCE: f64 = 0.05;
 const LEAST_MOMENT: f64 = 0.001;
 const LEAST_COUNTS: f64 = 20.0;
 
-/// Columns of a trace: at three points each, a screen has room for 1,400.
+/// Columns of a trace. At three points each they fill 1,200 points, and a screen has room for 1,400.
 const COLUMNS: usize = 400;
 
-/// Steps of a trace: finer than points, and shorter to transmit than values.
+/// Steps in the range of a trace: finer than a screen's points, and shorter to transmit than values.
 const LEVELS: f64 = 1000.0;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -57,7 +57,7 @@ pub struct TraceView<T = f64> {
     pub value: f64,
     /// Standard deviation over the last second.
     pub noise: f64,
-    /// Lower and upper edge.
+    /// Values at the lower and the upper edge.
     pub range: (f64, f64),
     /// Minimum and maximum, the newest on the right.
     pub columns: Vec<Option<[T; 2]>>,
@@ -86,7 +86,7 @@ pub struct LiveDisplay {
     history: History,
     frozen: Option<Box<History>>,
     window: usize,
-    /// Subtracted for display: the mean of the rows after its start.
+    /// Zero that is subtracted for display: the mean of the rows after the tare's start.
     pub tare: RunningTare,
     pub marks: Vec<Mark>,
 }
@@ -107,7 +107,7 @@ impl LiveDisplay {
         self.history.push(row);
     }
 
-    /// Pauses or resumes the display. Rows are taken all the same.
+    /// Pauses or resumes the display. Rows are taken in either state.
     pub fn toggle_pause(&mut self) {
         let running = self.frozen.is_none();
         self.frozen = running.then(|| Box::new(self.history.clone()));

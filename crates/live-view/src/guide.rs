@@ -6,11 +6,11 @@
 //!                      └──────────────────────── it moves ◀─────────────────────────┘
 //! ```
 //!
-//! *Still*: over a second no channel scatters by more than [`QUIET`] times its noise at the start,
-//! and the means of its halves differ by no more. *Loaded*, with known forces: the wrench is nearer to the planned
-//! one than to zero, with axes scaled by the largest load of the plan. Without forces: the readings differ from the
-//! unloaded ones by a multiple of their noise and by a tenth of the largest excursion so far, and together by a
-//! quarter of that predicted from the recorded loads.
+//! *Still*: over a second no channel scatters by more than [`QUIET`] times its noise at the start, and the means of its
+//! halves differ by no more. *Loaded*, with known forces: the wrench is nearer to the planned one than to zero, with
+//! axes scaled by the largest load of the plan. Without forces: a reading differs from its unloaded value by more than
+//! a multiple of its noise and a tenth of its largest excursion so far, and all together differ by more than a quarter
+//! of the excursion predicted from the recorded loads.
 
 use std::collections::VecDeque;
 
@@ -99,9 +99,9 @@ pub struct GuideView {
     pub held: f64,
     /// Share of the plan's gain still to come, 0 to 1; `None` if errors are known instead.
     pub remaining_gain: Option<f64>,
-    /// After each load, if a calibration is refitted.
+    /// Errors after each load, if a calibration is refitted.
     pub errors: Vec<ErrorPoint>,
-    /// Errors that end the loads, N and N·m.
+    /// Errors from which on no more loads are needed, N and N·m.
     pub limits: [Option<f64>; 2],
     pub finding: String,
 }
@@ -134,7 +134,7 @@ pub struct Guide {
     excursion: [f64; CHANNELS],
     /// Minimum excursion of all channels under the recorded loads, relative to their size.
     response: Option<f64>,
-    /// Time and frame since which the load is still and loaded.
+    /// Time and frame since which the sensor is still and loaded.
     still_since: Option<(f64, i64)>,
 }
 
@@ -214,7 +214,7 @@ impl Guide {
         self.still_since = None;
     }
 
-    /// Returns mean and scatter of each channel, and the distance between the means of its halves.
+    /// Returns mean and scatter of each channel, and the distance between the means of the block's halves.
     fn statistics(&self) -> ([f64; CHANNELS], [f64; CHANNELS], [f64; CHANNELS]) {
         let mean = |rows: std::ops::Range<usize>| -> [f64; CHANNELS] {
             let count = rows.len().max(1) as f64;
@@ -399,7 +399,7 @@ mod tests {
     }
 
     impl Bench {
-        /// `forces`: a calibration measures the force.
+        /// Applies a force for a time. With `forces`, a calibration measures it.
         fn apply(&mut self, guide: &mut Guide, fx: f64, seconds: f64, forces: bool) {
             for _ in 0..(100.0 * seconds) as usize {
                 let noise = f64::from([3, -1, 0, -3, 1, 2, -2][(self.index % 7) as usize]);

@@ -30,7 +30,7 @@ pub struct History {
 }
 
 impl History {
-    /// Adds a row. One far before the newest clears the history: clock or log has started again.
+    /// Adds a row. A row far before the newest clears the history: the clock or the log has started again.
     pub fn push(&mut self, row: LiveRow) {
         if self.rows.back().is_some_and(|newest| row.time_s < newest.time_s - LONGEST_S) {
             self.rows.clear();

@@ -81,7 +81,7 @@ fn field<'a>(page: &'a str, name: &str) -> Option<&'a str> {
     Some(opened.split_once("</")?.0.trim())
 }
 
-/// ATI's `klbf` is the kip.
+/// Converts a box's unit to a scale; ATI's `klbf` is the kip.
 fn understood(text: &str, quantity: Quantity) -> Option<Scale> {
     Unit::parse(text, quantity).map(|unit| unit.scale)
 }

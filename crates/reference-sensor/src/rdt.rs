@@ -5,9 +5,9 @@
 //! record    rdt_sequence u32 · ft_sequence u32 · status u32 · Fx Fy Fz Tx Ty Tz i32     36 bytes
 //! ```
 //!
-//! Everything is big-endian (ATI 9620-05-Net FT, section 9). `rdt_sequence` counts the records of
-//! the stream, `ft_sequence` the samples measured. A count of 0 requests records without end. In
-//! buffered mode a datagram holds several.
+//! Everything is big-endian (ATI 9620-05-Net FT, section 9). `rdt_sequence` counts the records of the stream,
+//! `ft_sequence` the samples measured. A count of 0 requests records without end. In buffered mode a datagram holds
+//! several records.
 
 pub const PORT: u16 = 49152;
 
@@ -23,9 +23,9 @@ const HEADER: u16 = 0x1234;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RdtCommand {
     Stop,
-    /// Each record as it is measured: their number, 0 without end.
+    /// Requests each record as it is measured. The field is the number of records, 0 without end.
     Start(u32),
-    /// Several records per datagram: the number of datagrams, 0 without end.
+    /// Requests several records per datagram. The field is the number of datagrams, 0 without end.
     StartBuffered(u32),
     Bias,
 }
@@ -64,7 +64,7 @@ impl RdtCommand {
 
 /// Bits of the status word (ATI 9610-05-Ethernet Axia, table 4.7).
 pub mod status {
-    /// Too busy, and may have skipped samples; no error.
+    /// The sensor was too busy and may have skipped samples; this is no error.
     pub const BUSY: u32 = 1 << 3;
     pub const GAGE_OUT_OF_RANGE: u32 = 1 << 27;
     pub const LOAD_OUT_OF_RANGE: u32 = 1 << 30;
@@ -118,12 +118,12 @@ pub enum RdtArrival {
     Restarted,
 }
 
-/// Records behind the newest at which a late one can still be distinguished from a restart.
+/// Number of records behind the newest among which a late one can still be distinguished from a restart.
 const WINDOW: usize = 128;
 
-/// Numbers records without wraps, and determines how each arrived: one whose number does not
-/// increase is late if its place is empty and it was measured before the newest, a duplicate if its
-/// place holds the same; otherwise the box has restarted.
+/// Numbers records without wraps, and determines how each arrived. A record whose number does not increase is late if
+/// its place is empty and it was measured before the newest. It is a duplicate if its place holds the same record.
+/// Otherwise the box has restarted.
 #[derive(Clone, Debug)]
 pub struct RdtTracker {
     newest: Option<(RdtRecord, i64)>,

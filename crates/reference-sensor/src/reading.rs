@@ -172,7 +172,7 @@ impl ReferenceSource {
         let socket = UdpSocket::bind(own).map_err(refused)?;
         socket.connect(address).map_err(refused)?;
         socket.set_read_timeout(Some(WAIT)).map_err(refused)?;
-        // A box serves its page at port 80, `shellcal stream` perhaps at its RDT port's number.
+        // A box serves its page at port 80; `shellcal stream` may serve it at the number of its RDT port.
         let ports = [port.filter(|port| *port != rdt::PORT), Some(80), Some(rdt_port)];
         let mut reasons = Vec::new();
         for port in ports.into_iter().flatten() {
@@ -202,7 +202,7 @@ fn connect(at: impl ToSocketAddrs) -> io::Result<TcpStream> {
     Err(last)
 }
 
-/// Closing the connection ends an answer in HTTP 1.0.
+/// Gets a box's page by HTTP 1.0, in which the end of the connection ends the answer.
 fn get_page(at: SocketAddr) -> io::Result<String> {
     let mut stream = connect(at)?;
     stream.set_read_timeout(Some(CONNECT))?;
@@ -240,7 +240,7 @@ fn read_box(socket: &UdpSocket, settings: &BoxSettings, bias: bool, teller: &Tel
     let (mut tracker, mut missing) = (RdtTracker::default(), 0_i64);
     let mut datagram = [0; 1 << 12];
     let send = |command: RdtCommand| {
-        // The request is repeated, since a box that is off may refuse it.
+        // Errors do not matter: a box that is off may refuse the request, which is repeated.
         let _ = socket.send(&command.encode());
     };
     if bias {
@@ -309,7 +309,7 @@ fn take_record(
         arrival,
         wrench: is_usable.then(|| settings.wrench(record.counts)),
         status: record.status,
-        // Negative after a late record from before a run, which never counted as missing.
+        // The count is negative after a late record from before the run, which never counted as missing.
         missing: u64::try_from(*missing).unwrap_or(0),
     });
 }
@@ -372,7 +372,7 @@ fn shell(command: &str) -> Command {
     shell
 }
 
-/// Reads output on a second thread, which blocks in the read, while this one waits and kills.
+/// Reads output on a second thread, which blocks in the read, while this thread waits and kills the program.
 fn read_program(mut child: Child, teller: &Teller) {
     let Some(output) = child.stdout.take() else { return teller.end("it has no output") };
     let of_thread = teller.clone();

@@ -92,7 +92,7 @@ impl fmt::Display for ReferenceSource {
     }
 }
 
-/// Errors of the system are text.
+/// Errors in reading a reference. Errors of the system are stored as text.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ReferenceError {
     #[error("cannot open the reference `{source_name}`: {reason}")]

@@ -43,7 +43,7 @@ pub struct Delivery {
 pub struct Radio {
     faults: Faults,
     random: RandomStream,
-    /// By time of arrival, then by order of queueing.
+    /// Packets under way, by time of arrival, then by order of queueing.
     on_the_way: BTreeMap<(u64, u64), Delivery>,
     queued: u64,
     in_burst: bool,
@@ -123,8 +123,8 @@ impl Radio {
         }
     }
 
-    /// Bursts begin and end at random, with geometric lengths (E. N. Gilbert, Bell Syst. Tech. J.
-    /// 39, 1253, 1960, without packets in the bad state).
+    /// Bursts begin and end at random, with geometric lengths (E. N. Gilbert, Bell Syst. Tech. J. 39, 1253, 1960; here
+    /// no packet passes in the bad state).
     fn is_in_burst(&mut self) -> bool {
         self.in_burst = match self.in_burst {
             true => !self.happens(1.0 / self.faults.burst_packets),
@@ -160,7 +160,7 @@ mod tests {
 
     const PACKETS: u64 = 100_000;
 
-    /// Returns the numbers that arrive of packets sent every ms.
+    /// Sends a packet every ms; returns the numbers of those that arrive.
     fn arrivals(faults: Faults, seed: u64) -> (Vec<u64>, Books) {
         let mut radio = Radio::new(faults, seed).unwrap();
         let mut numbers = Vec::new();
@@ -206,7 +206,7 @@ mod tests {
         assert_share(books.held_back, 0.95 * 0.02);
         assert_share(books.corrupted, 0.95 * 1.01 * (1.0 - 0.999_f64.powi(8)));
         assert_eq!(numbers.len() as u64, PACKETS - books.lost + books.duplicated);
-        // One held packet in eight overtakes the next, 1 ms later; with losses, some 0.83 are late.
+        // One held packet in eight still arrives before the next, sent 1 ms later. With losses, some 83 % are late.
         let mut newest = 0;
         let late = numbers.iter().filter(|&&number| {
             newest = newest.max(number);

@@ -69,7 +69,7 @@ pub fn write_wrench_row(
     writeln!(out)
 }
 
-/// The clock counts µs.
+/// Writes a frame with six decimals of its time, since the clock counts µs.
 pub fn write_frame(out: &mut impl Write, time_s: f64, frame: &SimulatedFrame) -> io::Result<()> {
     write!(out, "{time_s:.6}")?;
     write_readings(out, frame)?;
@@ -88,7 +88,7 @@ fn write_wrench(out: &mut impl Write, wrench: &PerAxis<f64>) -> io::Result<()> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TrialLayout {
     Full,
-    /// Telemetry text without readings, as before the shell.
+    /// Telemetry text without readings, as in logs from before the shell.
     WithoutSensors,
     /// `t_s,s1..s8`, as `shellcal record` writes from the board alone.
     WithoutTelemetry,
@@ -119,7 +119,7 @@ pub fn write_telemetry_row(
     writeln!(out, "{}", shown.iter().map(i64::to_string).collect::<Vec<_>>().join(","))
 }
 
-/// The approximate block size of the log reader.
+/// Rows per block, about as many as in the log reader.
 const BLOCK_ROWS: usize = 6_000;
 
 /// The first `rows` rows that `shellcal synth train` makes by default.

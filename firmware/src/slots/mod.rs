@@ -24,7 +24,7 @@ const PIECE: usize = 128;
 
 static CRC32: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
 
-/// Calibrations in a memory that is erased in sectors; the slots are the first whole ones.
+/// Calibrations in a memory that is erased in sectors; each slot takes whole sectors, from the first on.
 #[derive(Clone, Debug)]
 pub struct Slots<F> {
     pub(crate) flash: F,

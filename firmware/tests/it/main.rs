@@ -315,7 +315,7 @@ fn health_goes_before_the_first_sample_after_a_change_and_once_a_second() {
     for (health, sample) in healths {
         let sample = sample.expect("a sample follows");
         assert_eq!((health.sequence, health.clock_us), (sample.sequence, sample.clock_us));
-        // Dark conversions, settling, half of the lit ones; and all of them between channels.
+        // To the first reading: dark conversions, settling, half of the lit ones. To the next: a whole channel.
         assert_eq!((health.timing.first_us, health.timing.step_us), (12 + 100 + 6, 236));
         assert_eq!(health.dark, std::array::from_fn(|channel| 160 * channel as u16));
         let degrees = i32::from(health.vitals.temperature_cdeg.unwrap());

@@ -22,7 +22,7 @@ fn crc(content: &[u8]) -> u16 {
     })
 }
 
-/// Effect of flipping each bit on computed minus received CRC, by linearity for any content.
+/// Effect of flipping each bit on the XOR of computed and received CRC, which by linearity is the same for any content.
 fn syndromes(content: usize) -> Vec<u16> {
     let zero = crc(&vec![0; content]);
     let mut syndromes: Vec<u16> = (0..8 * content)
@@ -65,7 +65,7 @@ fn no_error_of_up_to_three_bits_of_a_frame_passes_as_another_packet() {
     let mut passed = 0;
     for first in 0..bits {
         for second in first..bits {
-            // Every seventh third bit, with a different phase for each pair.
+            // Every seventh position of the third bit, with a different phase for each pair.
             for third in (second + (first + second) % 7..bits).step_by(7) {
                 let mut damaged = body.to_vec();
                 [first, second, third].into_iter().for_each(|bit| flip(&mut damaged, bit));
@@ -121,7 +121,7 @@ fn ten_million_random_strings_do_no_harm() {
             None => original.feed(&string[..len], |_| events += 1),
         }
     }
-    // One piece in 256 has a matching length and header, one in 65,536 of those a matching CRC.
+    // One piece in 256 has a matching length and header, and one in 65,536 of these a matching CRC.
     assert!(events < 100, "{events}");
     // All state is inline: a decoder cannot grow.
     assert!(size_of::<Decoder>() <= 640);

@@ -20,7 +20,7 @@ fn packet(i: u16, random: &mut Random) -> Packet {
 fn every_framing_is_found_from_any_start() {
     let mut random = Random(1);
     for framing in Framing::ALL {
-        // This address needs an escape; without one, an escaped stream is also a plain one.
+        // This address needs an escape; without an escape, an escaped stream is also a plain stream.
         let stream: Vec<u8> = (0..50)
             .flat_map(|i| match framing {
                 Framing::Xbee(mode) => {

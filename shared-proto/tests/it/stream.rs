@@ -61,7 +61,7 @@ proptest! {
             damaged.concat().chunks(piece).flat_map(|bytes| packets(&mut decoder, bytes)).collect();
         prop_assert_eq!(encoded(&received), encoded(&[sent[0], sent[2]]));
         let counters = decoder.counters;
-        // A byte that becomes a delimiter splits the packet in two, unless next to one.
+        // A byte that becomes a delimiter splits the packet in two, unless it is next to a delimiter.
         let pieces = damaged[1].split(|&byte| byte == 0).filter(|piece| !piece.is_empty());
         prop_assert_eq!(counters.bad_crc + counters.malformed, pieces.count() as u64);
     }

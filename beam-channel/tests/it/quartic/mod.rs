@@ -38,7 +38,7 @@ pub(crate) fn intersections(tip: &Tip) -> Vec<Intersection> {
     let (ahead, gap, beam) = (wide(tip.ahead), wide(tip.gap), wide(tip.beam));
     let x = [ahead, two * beam, ahead];
     let y = [gap, wide(0.0), gap + two * beam];
-    // In the body's frame, times the length of this turn.
+    // The tip in the body's frame, times the length of `(cos, sin)`, which rounding moves off one.
     let (sin, cos) = (wide(tip.yaw.sin()), wide(tip.yaw.cos()));
     let along: Polynomial = (0..3).map(|i| cos * x[i] + sin * y[i]).collect();
     let across: Polynomial = (0..3).map(|i| cos * y[i] - sin * x[i]).collect();

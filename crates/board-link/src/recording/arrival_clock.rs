@@ -17,7 +17,7 @@ use std::collections::VecDeque;
 /// compared with the warm-up of a clock.
 const SPAN_S: f64 = 60.0;
 
-/// Minimum time span before the line is used, s: with a known and an unknown duration of a tick.
+/// Minimum time span before the line is used, s: if the duration of a tick is known, and if not.
 const SETTLED_S: [f64; 2] = [0.3, 0.6];
 
 /// Time span after which the duration of a tick counts as known, s.
@@ -26,7 +26,7 @@ const SURE_S: f64 = 1.0;
 /// Relative tolerance of that duration: the error from delays of some ms in [`SURE_S`].
 const SAME_TICK: f64 = 5e-3;
 
-/// Time after which samples off the line mean another clock, s.
+/// Time for which all samples must lie off the line to mean another clock, s.
 const PATIENCE_S: f64 = 0.5;
 
 const DELAYS: usize = 255;
@@ -57,9 +57,9 @@ impl ArrivalClock {
         tick_s.map_or_else(Self::default, |tick_s| Self::known(tick_s, SAME_TICK))
     }
 
-    /// Adds the arrival of a sample; ticks must increase, others are ignored. The clock has been
-    /// set if all samples of half a second lie more than `jump_s` above the line, or one below it.
-    /// For a sensor that counts samples, `jump_s` is about their period.
+    /// Adds the arrival of a sample. Samples whose tick does not increase are ignored. The clock counts as set if all
+    /// samples of half a second lie more than `jump_s` above the line, or one that far below it. For a sensor that
+    /// counts samples, `jump_s` is about their period.
     pub fn push(&mut self, tick: f64, arrival_s: f64, jump_s: f64) {
         if self.newest.is_some_and(|(last, _)| tick <= last) {
             return;
@@ -103,7 +103,7 @@ impl ArrivalClock {
 
     fn fitted(&self) -> Option<(f64, f64, f64)> {
         let (first, last) = (self.hull.front()?, self.hull.back()?);
-        // The middle by arrival: delayed samples that arrived all at once are then at the side.
+        // Take the middle of the arrivals: delayed samples that arrived all at once are then at one end.
         let middle = f64::midpoint(first.1, last.1);
         let after = self.hull.partition_point(|(_, arrival_s)| *arrival_s < middle).max(1);
         let (&left, &right) = (self.hull.get(after - 1)?, self.hull.get(after)?);
@@ -167,7 +167,7 @@ mod tests {
             let mut worst: f64 = 0.0;
             for tick in 0..60_000_u32 {
                 let sent = 17.3 + f64::from(tick) * 1e-3 * (1.0 + 80e-6);
-                // A mean of half a millisecond, plus 300 ms now and then.
+                // The delay has a mean of half a millisecond, plus 300 ms now and then.
                 let delay = -5e-4 * (1.0 - random.uniform()).ln();
                 let delay = if tick % 7000 > 6700 { delay + 0.3 } else { delay };
                 clock.push(f64::from(tick), sent + delay, 1.0);
@@ -214,7 +214,7 @@ mod tests {
         let mut arrival = 0.0;
         for tick in 0..3000_u32 {
             arrival = f64::from(tick) * 1e-3;
-            // 40 samples are lost uncounted; later 60 are counted that were never sent.
+            // First, 40 samples are lost without being counted. Later, 60 are counted that were never sent.
             let lost = if tick > 1000 { 40.0 } else { 0.0 } - if tick > 2000 { 60.0 } else { 0.0 };
             let tick = f64::from(tick) - lost;
             clock.push(tick, arrival, 1.5e-3);

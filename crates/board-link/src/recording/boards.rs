@@ -1,6 +1,6 @@
 //! The boards behind a port, each with its own stream. A base station in API mode names each packet's module, so
-//! modules are decoded separately. Behind a transparent one, packets name their board from version 3 of the protocol
-//! on.
+//! modules are decoded separately. Behind a transparent base station, packets name their board from version 3 of the
+//! protocol on.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -17,24 +17,24 @@ pub(crate) struct PacketWire {
     framing: Framing,
     /// For a base station in API mode.
     deframer: Option<Deframer>,
-    /// Frames with escapes, while all bytes so far would mean the same in both modes, as most do.
+    /// A second decoder, for frames with escapes, while all bytes so far mean the same in both modes, as most bytes do.
     escaped: Option<EscapedFrames>,
-    /// A decoder per module behind it; otherwise the single decoder of a wire or transparent radio.
+    /// One decoder per module behind the base station, or the single decoder of a wire or transparent radio.
     modules: Vec<(Option<Address>, Decoder)>,
 }
 
 #[derive(Clone, Debug)]
 struct EscapedFrames {
     deframer: Deframer,
-    /// Data that a stream without escapes does not have so far.
+    /// Frames decoded with escapes, but not yet without.
     ahead: VecDeque<(Address, Option<u8>, Vec<u8>)>,
-    /// Number of frames that only a stream without escapes has so far. One may be the same a byte later: a
-    /// checksum of 0x7D is 0x7D 0x5D with escapes.
+    /// Number of frames decoded without escapes, but not yet with them. One such frame may only lack a byte: with
+    /// escapes, a checksum of 0x7D is 0x7D 0x5D.
     behind: usize,
 }
 
 impl PacketWire {
-    /// Creates a wire with this framing. Frames without escapes turn into frames with escapes at the first one.
+    /// Creates a wire with this framing. Framing without escapes changes to framing with escapes at the first escape.
     pub(crate) fn new(framing: Framing) -> Self {
         let deframer = match framing {
             Framing::Cobs => None,
@@ -85,7 +85,7 @@ impl PacketWire {
                 };
                 match ahead.iter().position(is_this) {
                     Some(0) => drop(ahead.pop_front()),
-                    // Without escapes the frames before it are lost, so all are taken below, in order.
+                    // The frames before it were decoded only with escapes, so all of `ahead` are taken below, in order.
                     Some(_) => return,
                     None => *behind += 1,
                 }
@@ -110,7 +110,7 @@ impl PacketWire {
 pub struct BoardSource {
     /// Address of the module, if the base station is in API mode.
     pub address: Option<Address>,
-    /// Name in its packets, behind a transparent base station.
+    /// The board's name in its packets, behind a transparent base station.
     pub board: Option<u16>,
 }
 
@@ -148,7 +148,7 @@ impl Boards {
         Self { wire, heard: Vec::new(), beyond: 0 }
     }
 
-    /// Returns the protocol, which turns out to have escapes when the first arrives.
+    /// Returns the protocol. Its framing changes to one with escapes when the first escape arrives.
     pub fn protocol(&self) -> Protocol {
         match &self.wire {
             Wire::Packets(wire) => Protocol::Packets(wire.framing),
@@ -189,7 +189,7 @@ impl Boards {
         if let (Wire::Original(decoder), [board]) = (&mut self.wire, &mut self.heard[..]) {
             decoder.finish(|scan| board.reception.take_scan(&scan, &mut board.frames));
         }
-        // A single frame beside other boards may be damage.
+        // Next to other boards, a single frame may be damage.
         let is_alone = self.heard.len() == 1;
         for board in &mut self.heard {
             if is_alone || board.reception.has_begun() {
@@ -277,7 +277,7 @@ mod tests {
         packets.flat_map(|packet| packet.encode().to_vec()).collect()
     }
 
-    /// Boards whose modules cut their streams anywhere, and take turns.
+    /// Bytes of boards that take turns; their modules cut the streams into pieces of `cut` bytes.
     fn on_the_air(mode: Mode, boards: &[(Address, Vec<u8>)], cut: usize) -> Vec<u8> {
         let mut pieces: Vec<_> = boards.iter().map(|(from, b)| (*from, b.chunks(cut))).collect();
         let mut bytes = Vec::new();
@@ -355,8 +355,8 @@ mod tests {
         }
     }
 
-    /// A single escape in the middle of a slice, and a checksum of 0x7D: the frame is valid in both modes, and the
-    /// byte that follows it belongs to it in one.
+    /// A single escape in the middle of a slice, and a checksum of 0x7D: the frame is valid in both modes, but only in
+    /// one does the byte after it belong to it.
     #[test]
     fn one_escape_shows_the_mode_wherever_it_is() {
         let frame = |rssi: u8, payload: &[u8]| {

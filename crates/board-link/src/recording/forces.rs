@@ -73,8 +73,8 @@ impl RunningForces {
         Ok(Self { calibration: live.calibration, options, stage, memory, finder, newest: None })
     }
 
-    /// Computes the forces of frames that hold readings. Fails with [`ForceError`] if the low-pass
-    /// is impossible at their rate.
+    /// Computes the forces of frames that hold readings. Fails with [`ForceError`] if the low-pass is impossible at the
+    /// frames' rate.
     pub fn of(&mut self, frames: &[BoardFrame]) -> Result<Vec<Force>, ForceError> {
         let times_s: Vec<f64> = frames.iter().map(|frame| frame.time_us as f64 / 1e6).collect();
         let mut readings = columns(frames);
@@ -106,7 +106,7 @@ impl RunningForces {
         Ok(forces)
     }
 
-    /// Returns the calibration's standard errors of frames, N and N·m, without the low-pass.
+    /// Returns the standard errors of the frames' wrenches by the calibration, N and N·m, before the low-pass.
     pub fn standard_errors(&self, frames: &[BoardFrame]) -> Option<PerAxis<Vec<f64>>> {
         let tare = match &self.stage {
             ForceStage::Setup { .. } => None,

@@ -21,12 +21,12 @@ pub struct BoardFrame {
     pub measured: Measured,
     /// Bit i is set if channel i was at an end of the converter's range.
     pub saturated: u8,
-    /// Frames not taken or not sent by the board; wraps.
+    /// Number of frames that the board did not take or could not send; wraps at 256.
     pub dropped: u8,
     pub restarted: bool,
     pub timing: Option<Timing>,
     pub health: Option<Health>,
-    /// An edge at the sync input since the previous frame, or one of several.
+    /// An edge at the sync input since the previous frame; one of them, if there were several.
     pub edge: Option<BoardEdge>,
     pub skewed: bool,
     /// Signal strength at the base station in dBm, if reported.
@@ -77,7 +77,7 @@ pub struct Losses {
     pub missing_edges: u64,
     #[serde(skip_serializing_if = "is_zero")]
     pub edges_left_out: u64,
-    /// Silences with a possibly greater loss than counted as missing.
+    /// Silences in which more frames may have been lost than are counted as missing.
     #[serde(skip_serializing_if = "is_zero")]
     pub uncertain: u64,
 }
@@ -151,7 +151,7 @@ pub struct Reception {
 }
 
 impl Reception {
-    /// Sets the arrival time of the next packets, monotonic, which shows the length of silences.
+    /// Sets the arrival time of the next packets, on a monotonic clock that shows the length of silences.
     pub fn arrived_at(&mut self, now: Duration) {
         self.host_us = Some(u64::try_from(now.as_micros()).unwrap_or(u64::MAX));
     }
@@ -219,7 +219,7 @@ impl Reception {
             Some((before, frame)) if before.precedes(&stamp) => {
                 let placed = self.timeline.jump(before);
                 self.give((before, frame), placed, frames);
-                // Now it follows, unless the rate has changed again.
+                // The new frame now follows the held one, unless the rate has changed again.
                 let placed = match self.timeline.is_followed_by(&stamp) {
                     true => self.timeline.follow(stamp),
                     false => self.timeline.jump(stamp),

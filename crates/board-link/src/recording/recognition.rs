@@ -21,7 +21,7 @@ pub fn protocol_name(protocol: Protocol) -> &'static str {
     named.map(|(name, ..)| *name).expect("every protocol has a name")
 }
 
-/// Sufficient bytes for detection: half a second at 100 Hz has 1,500.
+/// Sufficient bytes for detection: half a second at 100 Hz has 1,500 bytes.
 const ENOUGH: usize = 2048;
 
 /// Time after which fewer bytes suffice: two dozen frames at 100 Hz, which a kill would lose.
@@ -112,7 +112,7 @@ impl Recognition {
     }
 }
 
-/// Returns the version of the packets, if all have another than this program's.
+/// Returns the version of the packets, if it differs from this program's in all of them.
 pub(crate) fn other_version(protocol: Protocol, bytes: &[u8]) -> Option<u8> {
     let Protocol::Packets(framing) = protocol else { return None };
     let mut decoder = Decoder::new(framing);

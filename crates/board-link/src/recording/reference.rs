@@ -4,8 +4,8 @@
 //! samples, their arrival ─ ArrivalClock ─▶ time of this computer ─┐
 //! frames, their arrival  ─ ArrivalClock ─▶ time of this computer ─┴─▶ the sample nearest to each frame
 //! ```
-//! A row gets the sample closest in time to its frame, or none if no sample is close; [`rows`](super::rows) describes
-//! its columns. [`rows`](super::rows) describes its columns.
+//! A row gets the sample closest in time to its frame, or none if no sample is close. [`rows`](super::rows) describes
+//! its columns.
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -24,7 +24,7 @@ use super::reception::BoardFrame;
 pub struct ReferenceSample {
     /// Number that continues across wraps and restarts of the sensor.
     pub number: i64,
-    /// The sensor's time in any unit, or else its number, if it sends either.
+    /// The sensor's time in any unit, or else its sample number; `None` if it sends neither.
     pub tick: Option<f64>,
     pub restarted: bool,
     pub arrival: Instant,
@@ -44,7 +44,7 @@ pub struct ReferenceCounts {
     pub restarts: u64,
     pub with_status: u64,
     pub damaged: u64,
-    /// Samples without a time that arrived together with a later one: of unknown age, so in no row.
+    /// Samples without a time that arrived together with a later one. Their age is unknown, so they are in no row.
     pub untimed: u64,
 }
 
@@ -109,10 +109,10 @@ struct TimedSample {
 /// Maximum number of samples that wait for frames: 8 s at 8 kHz.
 const MOST_SAMPLES: usize = 1 << 16;
 
-/// Age at which samples are dropped, s: no radio delays their frame for that long.
+/// Age at which samples are dropped, s: no radio delays a frame for that long.
 const OLDEST_S: f64 = 5.0;
 
-/// Maximum time that a frame waits for the reference, s: longer than its clock takes to settle.
+/// Maximum time that a frame waits for the reference, s: longer than the reference's clock takes to settle.
 const PATIENCE_S: f64 = 1.0;
 
 /// Relative tolerance of the board's clock: some boards have no crystal.
@@ -129,7 +129,7 @@ pub(crate) struct ReferenceBeside {
     input: ReferenceInput,
     epoch: Instant,
     clock: ArrivalClock,
-    /// Clocks with the board's time, µs, from which each applies: the board may restart.
+    /// Clocks of the board, each with the board's time, µs, from which it applies: the board may restart.
     board: VecDeque<(i64, ArrivalClock)>,
     /// Samples that wait for a settled clock, with arrival times, s.
     pending: Vec<(f64, ReferenceSample)>,
@@ -188,7 +188,7 @@ impl ReferenceBeside {
             };
             self.clock.push(tick, arrival_s, (JUMP_PERIODS * self.period_s).max(2e-3));
             self.pending.push((arrival_s, sample));
-            // Before that, a sample may have waited in a queue for an unknown time.
+            // Until the clock is settled, a sample may have waited in a queue for an unknown time.
             if self.clock.is_settled() {
                 self.settle();
             }
@@ -282,7 +282,7 @@ impl ReferenceBeside {
         if distance(&nearest) > 0.75 * self.period_s + 1e-3 {
             return None;
         }
-        // Counted only now, since late samples have arrived.
+        // Missing samples are counted only now, after late ones have arrived.
         let number = nearest.sample.number;
         let last = self.last.unwrap_or(number);
         let here = self.samples.range(..=at).rev().map(|of| of.sample.number);
@@ -301,7 +301,7 @@ impl ReferenceBeside {
 
     fn error_s(&self) -> f64 {
         let board = self.board.back().map_or(0.0, |(_, clock)| clock.error_s());
-        // Without a clock, a sample may have been under way for one period.
+        // Without a settled clock, a sample may have been under way for one period.
         let own = if self.clock.is_settled() { self.clock.error_s() } else { self.period_s };
         board + own
     }

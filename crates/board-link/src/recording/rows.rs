@@ -20,12 +20,11 @@
 //! being determined: these forces come from the calibration alone, later ones match `convert` with
 //! a causal low-pass. `mark1`, `mark2`, … are marks set by the user.
 //!
-//! With a reference sensor, `fx_n` … `mz_nm` are its wrench, from the sample closest in time to the
-//! frame, or empty if none is close or the sensor reports an error. More columns precede the flags:
-//! `ref_index` and `ref_status`, the sample's number and the sensor's status word; `ref_missing`,
-//! the samples lost since the previous row's; `ref_t_s`, the sample's time on the clock of `t_s`;
-//! and `ref_t_error_s`, the error of that time, without the constant parts of both delays. If
-//! blocks of time are labelled, as planned loads are, `group` precedes the flags.
+//! With a reference sensor, `fx_n` … `mz_nm` are its wrench, from the sample closest in time to the frame, or empty if
+//! none is close or the sensor reports an error. More columns precede the flags: `ref_index` and `ref_status`, the
+//! sample's number and the sensor's status word; `ref_missing`, the samples lost since the sample of the previous row;
+//! `ref_t_s`, the sample's time on the clock of `t_s`; and `ref_t_error_s`, the error of that time, without the
+//! constant parts of both delays. If blocks of time are labelled, as planned loads are, `group` precedes the flags.
 
 use std::collections::VecDeque;
 
@@ -128,8 +127,8 @@ impl RowWriter {
         }
     }
 
-    /// Appends the rows of a batch of frames, sorted by index, and empties it. Until `ended`, the
-    /// last frames may wait. Returns the number of frames that do not match the columns.
+    /// Appends the rows of a batch of frames, sorted by index, and empties the batch. Until `ended`, the last frames
+    /// may wait. Returns the number of frames that do not match the columns.
     pub(crate) fn write(
         &mut self,
         frames: &mut Vec<BoardFrame>,

@@ -1,4 +1,4 @@
-//! Order of numbered samples, missing, duplicate and late ones; and times of sync edges.
+//! Order of numbered samples; missing, duplicate and late samples; and times of sync edges.
 
 use std::collections::VecDeque;
 
@@ -17,8 +17,8 @@ pub(super) enum Arrival {
     Duplicate,
 }
 
-/// Unwraps 16-bit sequence numbers and counts missing, duplicate and late samples, with a window of
-/// bits over the newest numbers (like RFC 4303 §3.4.3). A step of 32,768 or more looks backward.
+/// Unwraps 16-bit sequence numbers and counts missing, duplicate and late samples, with a window of bits over the
+/// newest numbers (like RFC 4303 §3.4.3). A step of 32,768 or more counts as a step back.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Tracker {
     newest: Option<i64>,
@@ -28,7 +28,7 @@ pub(super) struct Tracker {
     distinct: u64,
     missing_before_restart: u64,
     offset: i64,
-    /// Runs of missing samples, counted when a newer one came.
+    /// Number of runs of missing samples, each counted when a newer sample came.
     pub(super) gaps: u64,
     pub(super) duplicates: u64,
     pub(super) reordered: u64,
@@ -44,7 +44,7 @@ impl Tracker {
         self.newest.map_or(0, |newest| ((newest - self.oldest + 1) as u64) - self.distinct)
     }
 
-    /// Handles a restart: the next sample follows with `lost` in between, and a new numbering.
+    /// Handles a restart: the next sample follows after `lost` missing ones, and its number starts a new numbering.
     pub(super) fn restart(&mut self, lost: u64) {
         let Some(newest) = self.newest else { return };
         self.missing_before_restart = self.missing() + lost;
@@ -54,7 +54,7 @@ impl Tracker {
         self.offset = newest.saturating_add_unsigned(lost) + 1;
     }
 
-    /// Takes a sample sent `sent` after the newest, a distance that its number alone does not show.
+    /// Takes a sample that was sent `sent` samples after the newest. Its number alone does not show this distance.
     pub(super) fn advance(&mut self, sent: u64) -> (i64, Arrival) {
         let index = self.newest.unwrap_or(self.offset - 1).saturating_add_unsigned(sent);
         self.newest = Some(index);

@@ -81,7 +81,7 @@ impl Simultaneous {
         ready
     }
 
-    /// Returns true once the timing, which also holds for earlier frames, is known or given up.
+    /// Returns true once the timing, which also holds for earlier frames, is known or no longer waited for.
     fn is_described(&mut self) -> bool {
         if self.described {
             return true;
@@ -219,7 +219,7 @@ mod tests {
 
     #[test]
     fn channels_agree_on_a_load_of_20_hz_within_two_hundredths() {
-        // Five frames are a period, so try phases in between.
+        // A period of the load has only five frames, so try phases in between.
         let (mut before, mut after, mut off) = (0.0_f64, 0.0_f64, 0.0_f64);
         for phase in 0..20 {
             let shift_s = f64::from(phase) / 20.0 * 0.01;

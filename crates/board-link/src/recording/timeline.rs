@@ -16,7 +16,7 @@
 
 use super::sequence::{Arrival, Tracker, WINDOW};
 
-/// Maximum number of frames in a silence whose length number and clock determine alone.
+/// Longest silence, in frames, whose length follows from number and clock alone.
 const SHORT: u64 = 1 << 14;
 
 /// Tolerance between the host's and the board's time, in addition to one part in 64.
@@ -78,7 +78,7 @@ pub(super) struct Timeline {
     newest: Option<(Stamp, i64)>,
     period: Period,
     pub(super) uncertain: u64,
-    /// The board has announced a start, without a frame since.
+    /// True if the board has announced a start, and no frame has followed yet.
     has_booted: bool,
 }
 
@@ -103,7 +103,7 @@ impl Timeline {
         self.has_booted = self.newest.is_some();
     }
 
-    /// Positions a frame that follows, near the newest frame's time: frames may be out of order.
+    /// Positions a frame that follows the others, before or after the newest: frames may be out of order.
     pub(super) fn follow(&mut self, stamp: Stamp) -> FramePosition {
         let (index, arrival) = self.tracker.position(stamp.sequence);
         let time_us = self.newest.map_or(i64::from(stamp.clock_us), |(newest, newest_us)| {
@@ -158,7 +158,7 @@ fn is_restart(step: &FrameStep) -> bool {
     let is_soon = step.host_us.is_some_and(|host_us| host_us < TURN_US / 2);
     match step.is_new_run {
         Some(true) => true,
-        // Two runs with the same number have a chance of one in 65,536.
+        // Two runs have the same start number with a probability of one in 65,536.
         Some(false) => is_soon && is_back,
         None => {
             let went_on = !is_back && step.sequence.cast_signed() > 0;
@@ -186,7 +186,7 @@ struct Period {
 
 impl Period {
     fn observe(&mut self, step: &FrameStep) {
-        /// A mean of so many is as accurate as it gets.
+        /// More samples do not make the mean more accurate.
         const ENOUGH: u64 = 1 << 20;
         let (samples, span_us) = (u64::from(step.sequence), u64::from(step.clock_us));
         if samples == 0 || step.dropped != 0 {
@@ -242,7 +242,7 @@ impl Period {
         2 + self.count(us) / (16 * self.samples.max(1))
     }
 
-    /// Returns the frames sent in a time, the number's step plus wraps; `None` if none fits.
+    /// Returns the number of frames sent in a time: the step of the sequence number plus wraps. `None` if none fits.
     fn sent(&self, step: &FrameStep, elapsed_us: u64) -> Option<u64> {
         let (expected, slack) = (self.count(elapsed_us), self.slack(elapsed_us));
         if slack >= SHORT {

@@ -66,11 +66,11 @@ impl Accelerometer {
     }
 }
 
-/// Frame from the forces on a still sensor, N, and accelerations in `unit_m_s2`, negative if these
-/// point along gravity.
+/// Finds the accelerometer's frame from forces on a still sensor, N, and accelerations in units of `unit_m_s2`, which
+/// is negative if the accelerations point along gravity.
 ///
 /// # Errors
-/// [`PayloadError`] if the sensor does not turn about two axes.
+/// [`PayloadError`] if all directions of gravity are equal or lie on a line.
 pub fn frame_from_forces(
     accelerations: &[Vector],
     forces: &[Vector],
@@ -116,7 +116,7 @@ mod tests {
 
     #[test]
     fn known_frame_scale_and_offsets_are_recovered() {
-        // Multiples of g in a frame rotated by a quarter turn, one axis 2 % too long, with offsets.
+        // Readings in multiples of g, with exchanged axes, one of them 2 % too long, and offsets.
         let says = |g: &Vector| [0.02 - g[2] / 9.81, 0.05 + 1.02 * g[0] / 9.81, 0.1 - g[1] / 9.81];
         let gravity = directions();
         let accelerations: Vec<Vector> = gravity.iter().map(says).collect();
@@ -134,7 +134,7 @@ mod tests {
     fn the_frame_of_an_accelerometer_is_found_from_forces() {
         let (s, c) = 0.7_f64.sin_cos();
         let turned = |g: &Vector| [c * g[0] - s * g[1], s * g[0] + c * g[1], g[2]];
-        // In three dimensions, and in a plane.
+        // Gravity turns in three dimensions, then in a plane.
         let flat: Vec<Vector> = directions().iter().map(|g| [g[0], 0.0, g[2]]).collect();
         for gravity in [directions(), flat] {
             let accelerations: Vec<Vector> =

@@ -11,7 +11,7 @@ const DOUBTED: f64 = 0.5;
 const SUSPECTED: f64 = 0.1;
 /// Another interpretation must reduce the residual below this share.
 const CURED: f64 = 1.0 / 3.0;
-/// Residual moments matter from this lever arm of the weight on, m.
+/// Residual moments matter if they exceed those of the weight at this lever arm, m.
 const LEVER_M: f64 = 0.005;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -107,7 +107,7 @@ pub struct MomentDoubt {
     pub cure: Option<(MomentExchange, f64)>,
 }
 
-/// Returns a doubt if most moments do not follow gravity, with the exchange of axes that helps.
+/// Returns a doubt if moments do not follow gravity, with an exchange of axes that explains them, if any.
 pub fn moment_doubt(found: &PayloadFit, poses: &[PayloadPose]) -> Option<MomentDoubt> {
     let left = LeftOver::of_moments(found, poses);
     if !left.is_suspected() {

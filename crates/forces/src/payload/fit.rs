@@ -6,9 +6,9 @@
 //! c = (Σ |w|²·I − w·wᵀ)⁻¹ Σ w × ΔT              T₀ = T̄ − c × m·ḡ
 //! ```
 //!
-//! Standard errors treat the residuals as independent between poses and axes, with one variance for
-//! all forces and one for all moments; those of c and T₀ include the error of m. c needs gravity to
-//! turn about two axes or more: on a line of directions, its component along it has no lever.
+//! Standard errors treat the residuals as independent between poses and axes, with one variance for all forces and one
+//! for all moments; those of c and T₀ include the error of m. The directions of gravity must not lie on a line: the
+//! component of c along that line would have no lever.
 
 use shell_data::hint::Hint;
 use shell_data::wrench::PerAxis;
@@ -27,7 +27,7 @@ const LEAST_POSES: usize = 4;
 pub enum PayloadError {
     #[error("`{0}` poses are too few to tell what the sensor carries, `{LEAST_POSES}` are needed")]
     TooFewPoses(usize),
-    /// The directions of gravity are one or lie on a line; `lost` parameters are undetermined.
+    /// All directions of gravity are equal or lie on a line; `lost` names the undetermined parameters.
     #[error(
         "gravity turns by only `{spread_deg:.2}`° in all but one direction of the sensor's frame, which \
          gives {lost}"
@@ -74,7 +74,7 @@ pub struct PayloadFit {
     /// Mean magnitude of gravity over the poses, m/s²; the mass is a force divided by this.
     #[serde(default = "standard_gravity")]
     pub gravity_m_s2: f64,
-    /// RMS rotation of gravity, rad: about the axis of the largest, and about all others together.
+    /// RMS deviation of gravity from its mean, rad: along the main line of the deviations, and across it.
     pub spread_rad: [f64; 2],
 }
 
@@ -168,7 +168,7 @@ pub fn fit(poses: &[PayloadPose]) -> Result<PayloadFit, PayloadError> {
     })
 }
 
-/// RMS difference of gravity from its mean, in gravities: along the main line, and across it.
+/// RMS deviation of gravity from its mean, relative to its size: along the deviations' main line, and across it.
 pub(super) fn spread(
     turns: impl Iterator<Item = Vector> + Clone,
     gravity: impl ExactSizeIterator<Item = Vector>,
@@ -286,10 +286,10 @@ mod tests {
         assert_eq!(few, PayloadError::TooFewPoses(3));
         let same = fit(&[at(1.0); 5]).unwrap_err();
         assert!(same.to_string().contains("neither mass nor centre"), "{same}");
-        // Upright and upside down: a line.
+        // Upright and upside down: the directions of gravity lie on a line.
         let line = [pose([0.0, 0.0, 9.81]), pose([0.0, 0.0, -9.81])].repeat(3);
         assert!(fit(&line).unwrap_err().to_string().contains("along that one"));
-        // A plane suffices.
+        // Directions in a plane suffice.
         let plane: Vec<PayloadPose> = (0..8).map(|i| at(f64::from(i))).collect();
         let fitted = fit(&plane).unwrap();
         assert!((fitted.payload.centre_m[0] - TRUTH.centre_m[0]).abs() < 1e-13);

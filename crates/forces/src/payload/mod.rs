@@ -8,12 +8,11 @@
 //! F = m·g + F₀        T = c × m·g + T₀
 //! ```
 //!
-//! with mass m, centre of mass c and the sensor's own zero F₀, T₀. Still poses with known
-//! orientation determine all ten ([`fit()`]), and the frame, scale and offset of an accelerometer
-//! ([`Accelerometer`]). During a run the accelerometer gives g at any time ([`Motion`]), the
-//! angular velocity gives the [contribution of turning](gravity_at_centre) at c, and the load is
-//! subtracted. Torque from angular acceleration (the tensor of inertia) is not modelled. No files
-//! or printing.
+//! with mass m, centre of mass c and the sensor's own zero F₀, T₀. Still poses with known orientation determine all ten
+//! parameters ([`fit()`]), and the frame, scale and offset of an accelerometer ([`Accelerometer`]). During a run the
+//! accelerometer gives g at any time ([`Motion`]), the angular velocity gives the [contribution of
+//! turning](gravity_at_centre) at c, and the load is subtracted. Torque from angular acceleration (the tensor of
+//! inertia) is not modelled. The module neither reads files nor prints.
 
 mod accelerometer;
 mod doubt;
@@ -55,7 +54,7 @@ impl Payload {
         [x, y, z, mx, my, mz]
     }
 
-    /// The maximum force at the centre due to turning by 1 rad/s, N.
+    /// The maximum force at the centre due to turning at 1 rad/s, N.
     pub fn turning_n(&self) -> f64 {
         self.mass_kg * norm(self.centre_m)
     }
@@ -69,7 +68,7 @@ impl Payload {
 /// Inertial forces that are subtracted in addition to weight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Inertia {
-    /// None: gravity is from orientations.
+    /// No inertial forces: gravity is computed from orientations.
     Nothing,
     /// Acceleration of the sensor, without the turning of the body's centre about it.
     WithoutTurning,
@@ -82,14 +81,14 @@ pub struct CarriedLoad {
     /// Apparent gravity at the body's centre, on the clock of the wrench.
     pub motion: Motion,
     pub inertia: Inertia,
-    /// The factor on accelerations, if their unit differed from that of the poses.
+    /// Factor applied to accelerations because their unit differed from that of the poses.
     pub rescaled: Option<f64>,
     /// The estimated lag of the motion's clock, applied or not.
     pub lag: Option<Lag>,
 }
 
 impl CarriedLoad {
-    /// The mean load over some times, without the sensor's zero; `None` without times.
+    /// The mean load over `times_s`, without the sensor's zero; `None` if there are no times.
     pub fn mean(&self, times_s: &[f64]) -> Option<PerAxis<f64>> {
         let mut sum = PerAxis::<f64>::default();
         for &time in times_s {
@@ -99,7 +98,7 @@ impl CarriedLoad {
         (!times_s.is_empty()).then(|| sum.map(|sum| sum / times_s.len() as f64))
     }
 
-    /// Subtracts the load at each row's time, and `zero`. Returns the number of unknown loads.
+    /// Subtracts the load at each row's time, and `zero`. Returns the number of rows whose load is unknown.
     pub fn subtract(
         &self,
         times_s: &[f64],

@@ -1,12 +1,12 @@
-//! Contribution of turning to the acceleration of a body whose centre is away from the sensor. With
-//! the sensor's angular velocity ω and its slope α, the centre c has the additional acceleration
-//! `α × c + ω × (ω × c)`; apparent gravity there is smaller by that.
+//! Contribution of turning to the acceleration of a body whose centre is away from the sensor. With the sensor's
+//! angular velocity ω and its slope α, the centre c has the additional acceleration `α × c + ω × (ω × c)`; apparent
+//! gravity at c is smaller by this acceleration.
 
 use super::rotation::slope;
 use super::vector::{Vector, add, cross, subtract};
 
-/// Apparent gravity at `centre_m` from that at the sensor, in its frame, m/s², and the angular
-/// velocity at ascending times, rad/s.
+/// Converts apparent gravity at the sensor, in its frame, m/s², to that at `centre_m`, by the angular velocity at
+/// ascending times, rad/s.
 pub fn gravity_at_centre(
     times_s: &[f64],
     gravity_m_s2: &[Vector],

@@ -1,7 +1,7 @@
 //! Stationary intervals: times in which a still and unloaded sensor shows its zero.
 //!
-//! The first `STATIONARY_FRAMES` fresh frames of a log form one, as in the usual tare. A later
-//! block of at least as many frames, and half a second, is stationary if in every channel
+//! The first `STATIONARY_FRAMES` fresh frames of a log form an interval, as in the usual tare. A later block of at
+//! least as many frames, and half a second, is stationary if in every channel
 //!
 //! - its readings scatter about their mean by at most `QUIET` times the scatter of the first
 //!   interval,
@@ -28,12 +28,12 @@ pub use watch::{FALSE_ALARMS, ZeroChange, ZeroEstimate, ZeroMove, ZeroWatch, lar
 /// Minimum number of frames of a stationary interval, as in the usual tare.
 pub(crate) const STATIONARY_FRAMES: usize = DEFAULT_TARE_FRAMES;
 
-/// Parts of a stationary interval, whose scatter gives the standard error of its mean even for
-/// correlated noise.
+/// Number of parts of a stationary interval. Their scatter gives the standard error of its mean even for correlated
+/// noise.
 pub const PARTS: usize = 5;
 
-/// Limit on the noise of an interval, and on the shift of the zero between intervals, both in units
-/// of the noise of the first interval.
+/// Limit, in units of the first interval's noise, on the noise of an interval, on the range of its parts' means, and on
+/// the shift of the zero between intervals.
 const QUIET: f64 = 2.0;
 
 /// Limit on the shift of the zero between intervals, as a share of the range so far: because of

@@ -1,12 +1,11 @@
 //! Test for a change of the zero between the start and the end of a log.
 //!
-//! The means of the first and the last stationary interval differ significantly if on any of k axes
-//! they differ by more than `t·√(e₁² + e₂²)`, with the standard errors e of the means from
-//! [`PARTS`] parts and Student's quantile t with `2·(PARTS − 1)` degrees of freedom at a level of 1
-//! − [`FALSE_ALARMS`]/k (Bonferroni). A reported change also exceeds the noise of one frame. If the
-//! noise is uncorrelated over a fifth of an interval, at most [`FALSE_ALARMS`] of logs with a
-//! constant zero give an alarm. An offset that a load leaves in the springs (play, creep) counts as
-//! a change.
+//! The means of the first and the last stationary interval differ significantly if on any of k axes they differ by more
+//! than `t·√(e₁² + e₂²)`. The standard errors e of the means are from [`PARTS`] parts each; t is Student's quantile
+//! with `2·(PARTS − 1)` degrees of freedom at the level `1 − FALSE_ALARMS/k` (Bonferroni). A reported change also
+//! exceeds the noise of one frame. If the noise is uncorrelated over a fifth of an interval, at most [`FALSE_ALARMS`]
+//! of logs with a constant zero give an alarm. An offset that a load leaves in the springs (play, creep) counts as a
+//! change.
 
 use calibration::Calibration;
 use calibration::uncertainty::student_quantile;
@@ -23,7 +22,7 @@ pub struct ZeroEstimate {
     pub mean: f64,
     /// RMS distance of a frame from the mean.
     pub noise: f64,
-    /// From the means of the parts.
+    /// Standard error of the mean, from the means of the parts.
     pub standard_error: f64,
 }
 
@@ -186,7 +185,7 @@ mod tests {
     #[test]
     fn a_zero_has_the_error_of_its_parts() {
         let zero = ZeroEstimate::new(&[1.0, 3.0, 2.0, 4.0, 6.0, 2.0], &[2, 2, 2]);
-        // Parts of 2, 3 and 4: variance 1, three parts.
+        // The means of the three parts, 2, 3 and 4, have the variance 1.
         assert_eq!((zero.mean, zero.standard_error), (3.0, (1.0_f64 / 3.0).sqrt()));
         assert_eq!(zero.noise, (16.0_f64 / 6.0).sqrt());
     }

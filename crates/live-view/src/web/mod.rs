@@ -8,10 +8,10 @@
 //! Publishing never blocks: a slow listener gets the newest event when it is ready, and one that
 //! takes none is dropped. Connections, waiting orders and requests are bounded.
 //!
-//! Every client, such as a program without the token, may read an [`OpenDocument`]. Every other
-//! request must carry the token, and a `Host` that no other site can have (`request`). The server
-//! speaks plain HTTP 1.1 with one request per connection, without bodies, files or cookies.
-//! docs/adr/0009-live-in-a-browser.md explains why it uses no library and no WebSocket.
+//! Every client may read an [`OpenDocument`], even a program without the token. Every other request must carry the
+//! token, and a `Host` that no other site can have (`request`). The server speaks plain HTTP 1.1 with one request per
+//! connection, without bodies, files or cookies. docs/adr/0009-live-in-a-browser.md explains why it uses no library and
+//! no WebSocket.
 
 mod request;
 
@@ -47,7 +47,7 @@ const STACK: usize = 256 * 1024;
 
 #[derive(Clone)]
 pub struct OpenDocument {
-    /// `/name`.
+    /// Path of the form `/name`.
     pub path: &'static str,
     pub content_type: &'static str,
     pub text: Arc<dyn Fn() -> String + Send + Sync>,
@@ -66,7 +66,7 @@ pub struct Site {
     pub nonce: String,
     /// `?token=…`, required in every request. If empty, only open documents are served.
     pub token: String,
-    /// `mark` is `POST /mark`.
+    /// Names of orders: `mark` is requested by `POST /mark`.
     pub orders: Vec<&'static str>,
     pub open: Vec<OpenDocument>,
 }
@@ -82,7 +82,7 @@ struct ServerShared {
     site: Site,
     state: Mutex<ServerState>,
     changed: Condvar,
-    /// Cloned for each authorised connection, as `listeners` for each listener, to count them.
+    /// Cloned for each authorised connection, to count these; `listeners` likewise counts listeners.
     connections: Arc<()>,
     listeners: Arc<()>,
 }
@@ -138,7 +138,7 @@ impl Server {
         self.shared.state().orders.pop_front()
     }
 
-    /// Tells the listeners, and waits briefly for that to arrive.
+    /// Tells the listeners of the end, and waits briefly until they know.
     pub fn end(self) {
         self.shared.state().ended = true;
         self.shared.changed.notify_all();

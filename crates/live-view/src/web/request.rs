@@ -3,7 +3,7 @@
 use std::hint::black_box;
 use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr};
 
-/// In bytes; a browser's has about one thousand.
+/// Maximum length of a head, bytes; a browser's has about one thousand.
 pub(super) const LONGEST: usize = 8192;
 
 /// Status code and phrase (RFC 9110), and a text for people.

@@ -31,8 +31,8 @@ pub enum Dimension {
 impl Parameter {
     pub const WIDTH: Self = Self::new("width", Length, |setup| &mut setup.channel.width_m);
 
-    /// Semi-axes of the body along and across its path; channel and beam; the body's offset and
-    /// rotation of its nose, both to the left.
+    /// All parameters: the body's semi-axes along and across its path, the channel and the beam, and the body's offset
+    /// and the rotation of its nose, both to the left.
     pub const ALL: [Self; 11] = [
         Self::new("rx", Length, |setup| &mut setup.ellipse.semi_length_m),
         Self::new("ry", Length, |setup| &mut setup.ellipse.semi_width_m),
@@ -69,7 +69,7 @@ impl Parameter {
         *(self.position)(&mut setup.clone())
     }
 
-    /// Other values stay, so a wider body reaches further between the beams.
+    /// Sets only this parameter, so a wider body reaches further between the beams.
     pub fn set(self, setup: &mut Setup, value: f64) {
         *(self.position)(setup) = value;
     }
@@ -78,7 +78,7 @@ impl Parameter {
 #[derive(Clone, Debug)]
 pub struct GridAxis {
     pub parameter: Parameter,
-    /// SI.
+    /// Values in SI units.
     pub values: Vec<f64>,
 }
 

@@ -12,7 +12,7 @@ pub struct ChannelSummary {
     /// Position of the body's middle when it touches the first beam, m past that beam.
     pub first_contact_m: Option<f64>,
     pub last_contact_m: Option<f64>,
-    /// Positions in which the body is wholly among the beams, m.
+    /// First and last position in which the body is wholly among the beams, m.
     pub plateau_m: Option<[f64; 2]>,
     /// Mean drag on the plateau, N; zero without contact, `None` without a plateau.
     pub mean_drag_n: Option<f64>,

@@ -23,7 +23,7 @@ pub struct SweepRow {
 }
 
 impl Course {
-    /// Includes both `from_m` and `to_m`.
+    /// Creates positions from `from_m` in steps; includes `to_m` if a step falls on it.
     pub fn new(from_m: f64, to_m: f64, step_m: f64) -> Self {
         // Count a last step that fits except for rounding.
         let count = ((to_m - from_m) / step_m * (1.0 + 1e-12)).floor().max(0.0) as usize + 1;

@@ -15,9 +15,9 @@ pub struct Reflector {
     pub position_m: [f64; 2],
     /// Unloaded distance.
     pub gap_m: f64,
-    /// Rotation about x, rad: senses y (and z).
+    /// Rotation about x, rad, by which the channel senses y (and z).
     pub tilt_x_rad: f64,
-    /// Rotation about y, rad: senses x (and z).
+    /// Rotation about y, rad, by which the channel senses x (and z).
     pub tilt_y_rad: f64,
 }
 

@@ -1,10 +1,9 @@
 //! Loads applied to a shell by hand, each contact a pose; and loads from a table.
 //!
-//! The shell is half an ellipsoid of the robot's size (18 cm × 11 cm × 4.5 cm: Table I of the paper
-//! on the shell). In every pose a contact rises, dwells and falls, and sways, band-limited below 3
-//! Hz. Poses alternate: a push, a pull with a twist (the shell held), a longer dwell at a push,
-//! taps. Contact points follow a low-discrepancy sequence (Roberts' R₂), so that even short
-//! recordings load every axis in both directions.
+//! The shell is half an ellipsoid of the robot's size (18 cm × 11 cm × 4.5 cm: Table I of the paper on the shell). In a
+//! pose of 2 s a contact rises, dwells and falls, and sways, band-limited below 3 Hz. Of four poses, the second is a
+//! pull with a twist (the shell held), the fourth has taps, and the others are pushes. Contact points follow a
+//! low-discrepancy sequence (Roberts' R₂), so that even short recordings load every axis in both directions.
 //!
 //! A load is a function of time alone, so sensors with separate clocks can share it.
 
@@ -28,7 +27,7 @@ const TAP_S: f64 = 0.08;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RecordingKind {
     Training,
-    /// Loads different from every training recording.
+    /// Loads that differ from those of every training recording.
     Test,
     Zero,
 }
@@ -202,7 +201,7 @@ impl LoadTable {
         Ok(Self { times_s, wrenches })
     }
 
-    /// Returns the wrench (N and N·m) at `time_s` ≥ 0; the first row follows the last at once.
+    /// Returns the wrench (N and N·m) at `time_s` ≥ 0; the table repeats, its first row directly after its last.
     pub fn wrench_at(&self, time_s: f64) -> PerAxis<f64> {
         let (first, last) = (self.times_s[0], self.times_s[self.times_s.len() - 1]);
         if last == first {

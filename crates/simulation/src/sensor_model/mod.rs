@@ -110,7 +110,8 @@ impl SensorModel {
         frame
     }
 
-    /// Returns the light of a [`sample`](Self::sample) before its conversion; none without a plate.
+    /// Returns the light of a [`sample`](Self::sample) before its conversion; zero for a load that is not finite, or
+    /// above [`LIMIT`].
     pub(crate) fn expose(&mut self, time_s: f64, wrench: &PerAxis<f64>) -> [Exposure; 8] {
         if !is_bearable(time_s, wrench) {
             return [Exposure { light: 0.0, dark: 0.0 }; 8];

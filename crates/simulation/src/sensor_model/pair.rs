@@ -29,7 +29,7 @@ pub struct PairSettings {
     pub board_rate_hz: f64,
     /// Reading of the reference's clock when the board's shows 0.
     pub offset_s: f64,
-    /// Relative rate of the reference's clock to the board's, minus one.
+    /// Rate of the reference's clock relative to the board's, minus one.
     pub skew: f64,
     pub loss: f64,
     pub noise_scale: f64,

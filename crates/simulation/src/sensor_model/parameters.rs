@@ -29,7 +29,7 @@ pub struct SensorNoise {
 pub struct Surroundings {
     /// Light left after the ambient reading is subtracted, as a fraction of the full scale.
     pub ambient: f64,
-    /// Start, relative to that of other recordings.
+    /// Temperature at the start relative to other recordings, K (standard deviation).
     pub start_k: f64,
     pub warm_up_k: f64,
     pub warm_up_s: f64,
@@ -70,7 +70,7 @@ const MM: f64 = 1e-3;
 // Deviations of a unit from the design (standard deviations).
 
 const STIFFNESS_SPREAD: f64 = 0.05;
-/// Position of a photointerrupter and unloaded gap, m.
+/// Deviation of a photointerrupter's position and of its unloaded gap, m.
 const POSITION_SPREAD_M: f64 = 0.05 * MM;
 const TILT_SPREAD_RAD: f64 = 0.01;
 const GAIN_SPREAD: f64 = 0.10;
@@ -173,8 +173,8 @@ impl SensorParameters {
         unit
     }
 
-    /// The nominal instrument's unit with its noise [scaled](Self::scale_noise) by a finite factor
-    /// that is not negative.
+    /// Returns a unit of the nominal instrument with its noise [scaled](Self::scale_noise). The factor must be finite
+    /// and at least 0.
     pub(crate) fn noisy_unit(unit_seed: u64, factor: f64) -> Result<Self, SimulationError> {
         let is_factor = factor.is_finite() && factor >= 0.0;
         ensure!(is_factor, "noise scaled by {factor}, where a factor of 0 or more is wanted");

@@ -64,7 +64,7 @@ impl SensorRecording {
         let mut unit = SensorParameters::noisy_unit(settings.unit_seed, settings.noise_scale)?;
         unit.adc_bits = settings.adc_bits;
         unit.elastic = settings.elastic;
-        // The two highest bits of a seed are unused in practice and hold the kind.
+        // The two highest bits of a seed, unused in practice, move to the end and hold the kind.
         let session_seed = seed.rotate_left(2) ^ kind as u64;
         Ok(Self {
             settings,
@@ -192,7 +192,7 @@ mod tests {
         }
         for (axis, sum) in sums.into_iter().enumerate() {
             let ratio = sum / n as f64 / (noise[axis / 3] * noise[axis / 3]);
-            // Relative sd of a variance √(2/n) = 0.01, five of them; rounding to steps adds 3e-4.
+            // A variance has a relative sd of √(2/n) = 0.01; the limit is five of these. Rounding to steps adds 3e-4.
             assert!((ratio - 1.0).abs() < 0.051, "{ratio}");
         }
     }

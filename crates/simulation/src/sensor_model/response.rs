@@ -8,9 +8,8 @@
 //! square of the distance. Every node but the maximum is nominal, to some ±10 %: a calibration is
 //! fitted, never derived from here.
 //!
-//! A shape-preserving cubic joins the nodes (PCHIP: Fritsch & Butland, SIAM J. Sci. Stat. Comput.
-//! 5, 300, 1984), with a continuous slope and no overshoot, by the four basic operations, for the
-//! same bits everywhere.
+//! A shape-preserving cubic joins the nodes (PCHIP: Fritsch & Butland, SIAM J. Sci. Stat. Comput. 5, 300, 1984), with a
+//! continuous slope and no overshoot. It needs only the four basic operations, so its bits are the same everywhere.
 
 /// Distance in mm and relative collector current, 1 at the optimum.
 const NODES: [(f64, f64); 14] = [
@@ -30,7 +29,7 @@ const NODES: [(f64, f64); 14] = [
     (5.0, 0.034),
 ];
 
-/// Per mm.
+/// Slopes at the nodes, per mm.
 const SLOPES: [f64; NODES.len()] = {
     let mut slopes = [0.0; NODES.len()];
     slopes[0] = secant(0);
@@ -73,7 +72,7 @@ mod tests {
     #[test]
     fn curve_passes_through_its_nodes() {
         for (distance_mm, relative) in NODES {
-            // Two roundings of the distance, a slope of at most 2.3 per mm.
+            // The distance is rounded twice, and the slope is at most 2.3 per mm.
             assert!((current_at(distance_mm * 1e-3) - relative).abs() < 1e-14);
         }
     }

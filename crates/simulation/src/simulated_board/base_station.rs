@@ -16,11 +16,11 @@ const SERIAL_HIGH: u32 = 0x0013_A200;
 const HERE_LOW: u32 = 0x4100_0001;
 const BOARD_LOW: u32 = 0x4100_0002;
 
-/// Addresses of all modules; 0xFFFF as a module's own address (`MY`) means that it uses that of 64 bits.
+/// Addresses for all modules. A module whose own address (`MY`) is 0xFFFF uses its 64-bit address.
 const BROADCAST: u16 = 0xFFFF;
 const LONG_BROADCAST: u64 = 0xFFFF;
 
-/// Short address in a frame with both addresses that is unknown.
+/// Short address that means "unknown" in a frame with both addresses.
 const UNKNOWN: u16 = 0xFFFE;
 
 /// Signal strength of the board, −dBm.
@@ -55,8 +55,8 @@ pub(super) struct Relayed {
 }
 
 impl BaseStation {
-    /// Creates a base station and a board's module with an address: its `MY`, where 0xFFFF stands for its serial
-    /// number, or that number.
+    /// Creates a base station, and a board's module with the address `board`: its `MY` (0xFFFF for the serial number),
+    /// or its serial number.
     pub fn new(mode: Mode, board: Address) -> Self {
         let (serial, my) = match board {
             Address::Short(my) => (u64::from(SERIAL_HIGH) << 32 | u64::from(BOARD_LOW), my),
@@ -115,7 +115,7 @@ impl BaseStation {
             _ => {}
         };
         deframer.feed(bytes, &mut obey);
-        // A host writes whole frames.
+        // A host writes whole frames, so no further byte of a frame will come.
         deframer.rest(obey);
         let set = if here.number(b"AP") == 1 { Mode::Plain } else { Mode::Escaped };
         if set != *mode {
@@ -138,7 +138,7 @@ struct Module {
 impl Module {
     fn new(serial: u64, my: u16, name: &str) -> Self {
         let (high, low) = ((serial >> 32) as u32, serial as u32);
-        // As delivered, but for the rate of 57,600 baud that the board has.
+        // As delivered, except for the board's rate of 57,600 baud.
         let parameters: [(_, &[u8]); 20] = [
             (*b"AP", &[0]),
             (*b"A1", &[0]),
@@ -189,7 +189,7 @@ impl Module {
 
     /// Reads a parameter, or sets it if there is a value; returns status and value of the answer.
     fn run(&mut self, name: [u8; 2], value: &[u8]) -> (u8, Vec<u8>) {
-        // Keep the parameters, apply them.
+        // Commands to keep the parameters and to apply them have no effect here.
         if matches!(&name, b"WR" | b"AC") {
             return (OK, Vec::new());
         }
@@ -203,7 +203,7 @@ impl Module {
         let most = if is_text { MAX_NAME } else { parameter.len() };
         let is_valid = match &name {
             b"HV" | b"VR" | b"SH" | b"SL" | b"DB" => false,
-            // Without API frames there is only command mode.
+            // Without API frames (`AP` 0) there would only be command mode.
             b"AP" => matches!(value, [1 | 2]),
             _ => value.len() <= most,
         };

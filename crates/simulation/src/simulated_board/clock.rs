@@ -119,7 +119,7 @@ impl SyncScript {
         Self { clock, times_us: times_us.into() }
     }
 
-    /// Waits for the next edge, polled: an alarm would stop the clock for earlier waits.
+    /// Waits for the next edge by polling: an alarm would stop the clock for earlier waits.
     pub(super) async fn next_edge(&mut self) -> SeenEdge {
         poll_fn(|_| match self.times_us.front() {
             Some(&at_us) if at_us <= self.clock.now_us() => {

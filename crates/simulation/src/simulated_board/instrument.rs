@@ -36,7 +36,7 @@ impl Load {
         Self::Hands(LoadScript::new(RecordingKind::Test, seed))
     }
 
-    /// N and N·m.
+    /// Returns the wrench at a time, N and N·m.
     pub fn wrench_at(&mut self, time_s: f64) -> PerAxis<f64> {
         match self {
             Self::Hands(_) if time_s < REST_S => PerAxis::default(),
@@ -61,7 +61,7 @@ impl SimulatedInstrument {
     }
 }
 
-/// As on the SkinProc board.
+/// Duration of a conversion, as on the SkinProc board.
 pub(super) const CONVERSION_NS: u32 = 3_250;
 
 impl FrontEnd for SimulatedInstrument {

@@ -187,8 +187,8 @@ fn give_to_board(
     }
 }
 
-/// The serial line over TCP, for systems without ptys or a remote host, with one host at a time,
-/// and losing output without one.
+/// The serial line over TCP, for systems without ptys or for a remote host. It serves one host at a time; without a
+/// host, output is lost.
 #[derive(Clone, Debug, Default)]
 struct Socket(Arc<Mutex<Option<TcpStream>>>);
 

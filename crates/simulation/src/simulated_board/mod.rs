@@ -42,7 +42,7 @@ pub struct BoardSettings {
     pub seed: u64,
     pub unit_seed: u64,
     pub noise_scale: f64,
-    /// In both directions.
+    /// Faults of the radio, in both directions.
     pub faults: Faults,
     /// Rising edges at the sync input, s after the board's start.
     pub sync_s: Vec<f64>,
@@ -124,7 +124,7 @@ impl SimulatedBoard {
     }
 }
 
-/// The shipped data has 1.
+/// Returns a unit's serial number. That of unit 1, which the shipped data is from, has no digits.
 fn serial(unit_seed: u64) -> [u8; 12] {
     let mut serial = *b"simulated   ";
     if unit_seed != 1 {

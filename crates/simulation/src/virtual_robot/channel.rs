@@ -10,7 +10,7 @@ use shell_data::wrench::{PerAxis, cross};
 pub struct ChannelForces {
     /// Name in manifests: the largest deflection of the beams.
     pub name: &'static str,
-    /// Mean in the channel.
+    /// Mean drag in the channel, N.
     pub drag_n: f64,
     /// Mean lift, N; negative presses the robot down.
     pub lift_n: f64,
@@ -50,7 +50,7 @@ pub(super) struct BeamContact {
     legs: [[Wave; 2]; 3],
 }
 
-/// A sine: relative to the channel's mean over time, or in N over the leg angle.
+/// A sine of time, relative to the channel's mean force, or of the leg angle, in N.
 #[derive(Clone, Copy, Debug)]
 struct Wave {
     size: f64,
@@ -66,7 +66,7 @@ impl Wave {
 
 /// Distance between beams along the channel, m (paper, §IV-A).
 const BEAM_PITCH_M: f64 = 0.025;
-/// Amplitude that the legs excite, N, at once and twice the stride frequency, as in reality.
+/// Amplitudes of the legs' shaking per axis, N, at the stride frequency and twice that, as in reality.
 const SHAKING_N: [[f64; 2]; 3] = [[0.10, 0.05], [0.12, 0.06], [0.15, 0.08]];
 /// Point of pressure relative to the sensor's origin: ahead and above, m.
 const CONTACT_M: [f64; 3] = [0.02, 0.0, 0.02];

@@ -90,7 +90,7 @@ impl Drive {
     }
 }
 
-/// Mean power of both motors, W, to some percent: sets the robot's speed, not the reference.
+/// Mean power of both motors, W, to some percent. It sets the robot's speed, but is no reference value.
 pub(super) fn usual_power_w(stride_hz: f64) -> f64 {
     let battery_v = 3.76;
     let emf_v = BACK_EMF_V_S * std::f64::consts::TAU * stride_hz;

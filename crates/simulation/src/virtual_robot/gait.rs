@@ -14,7 +14,7 @@ use std::f64::consts::{PI, TAU};
 
 use shell_data::random::RandomStream;
 
-/// From standstill to full speed.
+/// Time from standstill to full speed.
 const SPIN_UP_S: f64 = 0.06;
 /// Amplitude of a leg's deviation twice a turn, rad.
 const AHEAD_RAD: f64 = 0.06;
@@ -88,7 +88,7 @@ impl Gait {
         self.stall_s.is_some_and(|[from, to]| (from..to).contains(&time_s))
     }
 
-    /// Returns the time of reaching `angle_rad`, to a nanosecond, between start and `end_s`.
+    /// Returns the time between start and `end_s` at which the leg reaches `angle_rad`, to a nanosecond.
     pub(crate) fn time_of(&self, side: LegSide, angle_rad: f64, end_s: f64) -> Option<f64> {
         let (mut low, mut high) = (self.start_s, end_s);
         let reached = |time_s: f64| self.angle_rad(side, time_s) >= angle_rad;

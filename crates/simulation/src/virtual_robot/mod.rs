@@ -41,7 +41,7 @@ use shell_data::wrench::PerAxis;
 const ROW_S: f64 = 1001e-6;
 const FIRST_S: f64 = 302e-6;
 const FRAME_S: f64 = 0.01;
-/// From the start of the legs to the channel, and from the channel to the end of the log.
+/// Times from the start of the legs to the channel, and from the channel to the end of the log.
 const APPROACH_S: [f64; 2] = [1.0, 1.3];
 const AFTERWARDS_S: f64 = 0.8;
 const STALL_S: f64 = 0.4;
@@ -86,8 +86,8 @@ pub struct TrialSettings {
 }
 
 impl TrialSettings {
-    /// Noise of the paper at zero load, 0.037 N: the root mean square of its 0.040, 0.015 and 0.048
-    /// N. The sensor model has 0.0214 N at 1.
+    /// Noise scale that gives the paper's noise at zero load, 0.037 N: the RMS of its 0.040, 0.015 and 0.048 N. With a
+    /// scale of 1, the sensor model has 0.0214 N.
     pub const PAPER_NOISE: f64 = 1.7;
 
     /// Sets up a trial as the lab records it: 13 strides a second, no mishaps.
@@ -130,7 +130,7 @@ pub struct VirtualTrial {
     sensor: SensorModel,
     /// Contact with the beams, on the robot's clock.
     pub window_s: [f64; 2],
-    /// Includes missing rows.
+    /// Times of all rows, including missing ones.
     pub times_s: Vec<f64>,
     first_count: i64,
     frame_delay_s: f64,

@@ -32,7 +32,7 @@ impl VirtualTrial {
         let mut noise = RandomStream::new(seed, Purpose::Telemetry, 0);
         let mut losses = RandomStream::new(seed, Purpose::Losses, 0);
         let mut frames = self.frames().peekable();
-        // Before its first frame the sensor repeats its previous reading, equal but for noise.
+        // Before its first frame the sensor repeats an earlier reading, which differs from the first only by noise.
         let mut readings = frames.peek().map(|(_, frame)| frame.readings).unwrap_or_default();
         self.times_s.iter().enumerate().filter_map(move |(row, &time_s)| {
             while let Some((_, frame)) = frames.next_if(|&(at_s, _)| at_s <= time_s) {

@@ -137,7 +137,7 @@ mod tests {
         // The integrals are cut at different times, with different errors of Simpson's rule.
         assert!((electrical_j / whole[6] - 1.0).abs() < 1e-7);
         let impulse: f64 = strides.iter().map(|s| s.mean_fx_n * (s.t_end_s - s.t_start_s)).sum();
-        // Each corner of the stall, a jump of 250 N/s² in the second derivative, adds 1 ms³ of it.
+        // Each corner of the stall, a jump of 250 N/s² in the second derivative, adds 1 ms³ times this jump.
         assert!((impulse / whole[0] - 1.0).abs() < 1e-7);
     }
 

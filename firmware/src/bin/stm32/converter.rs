@@ -32,9 +32,9 @@ use embassy_time::Instant;
 use firmware::{Factory, FrontEnd};
 use shared_proto::{CHANNELS, Vitals};
 
-/// Longest pause between conversions, µs, with a margin. One that starts more than 1 ms after the
-/// previous may be wrong (STM32L432xx/442xx errata, "Wrong ADC result if conversion done late after
-/// calibration or previous conversion"); discarding it costs little on other chips.
+/// Longest pause between conversions, µs, with a margin. A conversion that starts more than 1 ms after the previous one
+/// may be wrong (STM32L432xx/442xx errata, "Wrong ADC result if conversion done late after calibration or previous
+/// conversion"); discarding it costs little on other chips.
 const LONGEST_PAUSE_US: u64 = 900;
 
 /// Exponent of the longest burst, 2⁴ conversions: 16 · 4095 is below 2¹⁶.
@@ -58,7 +58,7 @@ fn light(emitter: u8, on: bool) {
     });
 }
 
-/// The task writes it while the converter is idle, the interrupt while it runs.
+/// The task writes the state while the converter is idle, the interrupt while the converter runs.
 static STATE: ConverterState = ConverterState {
     sums: [AtomicU32::new(0), AtomicU32::new(0), AtomicU32::new(0)],
     at: AtomicU8::new(0),
@@ -74,7 +74,7 @@ static STATE: ConverterState = ConverterState {
 
 struct ConverterState {
     sums: [AtomicU32; 3],
-    /// Current sum, and last one; all are done when `at` exceeds `last`.
+    /// Index of the current sum; all sums are done when it exceeds `last`.
     at: AtomicU8,
     last: AtomicU8,
     conversions: AtomicU8,
@@ -311,7 +311,7 @@ impl SettlingTimer {
         Self(timer)
     }
 
-    /// Sets the count, at least two: the timer cannot count to zero.
+    /// Sets the count, µs, at least two: the timer cannot count to zero.
     fn set(&self, us: u16) {
         let timer = self.0.regs_core();
         timer.arr().write(|reload| reload.set_arr(us.saturating_sub(1).max(1)));

@@ -46,7 +46,7 @@ fn reset_cause() -> ResetCause {
     let csr = pac::RCC.csr();
     let flags = csr.read();
     csr.modify(|csr| csr.set_rmvf(true));
-    // Last, as every other cause pulls the pin, too.
+    // The pin comes last, as every other cause pulls it, too.
     if flags.iwdgrstf() || flags.wwdgrstf() {
         ResetCause::Watchdog
     } else if flags.borrstf() {

@@ -1,8 +1,8 @@
 //! The calibration's flash pages as the memory that holds its slots.
 //!
-//! Each double word has a code that corrects one wrong bit. Two raise the non-maskable interrupt at
-//! every read (RM0394, section 3.3.2). A loss of power during a write leaves such a double word,
-//! which must not keep the board from starting.
+//! Each double word has a code that corrects one wrong bit. Two wrong bits raise the non-maskable interrupt at every
+//! read (RM0394, section 3.3.2). A loss of power during a write leaves such a double word, which must not keep the
+//! board from starting.
 #![expect(unsafe_code, reason = "an exception is handled, and the linker's symbols are declared")]
 
 use core::ops::Range;
@@ -72,7 +72,7 @@ impl NorFlash for Area {
     }
 }
 
-/// Empties the data cache of erased data; possible only while it is off (RM0394, section 3.3.4).
+/// Empties the data cache of erased data; possible only while the cache is off (RM0394, section 3.3.4).
 fn forget_cached() {
     let acr = pac::FLASH.acr();
     acr.modify(|acr| acr.set_dcen(false));

@@ -79,7 +79,7 @@ pub(crate) async fn watch(
 
 const WAITING: usize = 8;
 
-/// Edges without room after which the input is ignored for a while: that is not a signal.
+/// Number of edges without room after which the input is ignored for a while: so many are not a signal.
 const MOST_MISSED: u16 = 256;
 
 const REST: Duration = Duration::from_millis(10);

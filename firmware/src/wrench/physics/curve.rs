@@ -54,7 +54,7 @@ fn ln_of_one_and(e: f32) -> f32 {
     z * series.into_iter().fold(0.0, |sum, c| sum * (z * z) + c)
 }
 
-/// Closest reading to a plateau for the start, in units of h: there the inverse is infinite.
+/// Minimum distance of a reading from a plateau for the start, in units of h: at a plateau, the inverse is infinite.
 const MARGIN: f32 = 0.01;
 
 pub(super) fn displacement(sensor: &PhysicsSensor, y: f32) -> (f32, f32) {

@@ -19,7 +19,7 @@ use self::curve::{CurveValue, displacement};
 use self::equations::{Equations, X, product, row, unrolled};
 use shared_proto::{AXES, CHANNELS, FACTOR, Physics, PhysicsSensor};
 
-/// Including halved ones; three or four are usual.
+/// Maximum number of steps, including halved ones; three or four are usual.
 const STEPS: usize = 4;
 
 /// Convergence limit of the squared step length: a hundredth of a standard error. The last step is
@@ -30,7 +30,7 @@ const SETTLED: f32 = 1e-4;
 /// half of the work, and the weights hardly change.
 const NEAR: f32 = 0.1;
 
-/// Halvings of a step that does not lower the sum.
+/// Number of halvings after which a step that does not lower the sum is given up.
 const HALVINGS: u32 = 4;
 
 /// Factor by which rounding may raise the sum near its minimum.
@@ -109,11 +109,11 @@ impl<'a> ScaledFrame<'a> {
             other => return moved(&state.x, &other.unwrap_or_default().0),
         };
         for left in (0..STEPS).rev() {
-            // After so long a last step there is no convergence: new variances are not used.
+            // If the last step is this long, there is no convergence, and new variances would not be used.
             let is_far = length >= NEAR;
             let known = (!is_far || left == 0).then_some(&state.points);
             let next = self.state(moved(&state.x, &step), known);
-            // Compared with the previous variances; the next step compares with the new ones.
+            // Both sums are for the previous variances; the next comparison uses the new ones.
             if next.sum(&state.points) <= sum * ROUNDING {
                 state = next;
                 if is_far && left == 0 {

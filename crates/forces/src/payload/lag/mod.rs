@@ -1,14 +1,12 @@
 //! Lag between the clock of a motion and that of a wrench.
 //!
-//! A payload's forces step when its gravity steps. A step is the difference between the means of
-//! adjoining blocks of time, so a lasting push affects few. The lag has the smallest sum of
-//! absolute residuals, to which rare taps contribute little. Short blocks separate fast motions
-//! from pushes, long ones slow motions from noise: the length whose residuals the lag reduces most
-//! is used.
+//! A payload's forces step when its gravity steps. A step is the difference between the means of adjoining blocks of
+//! time, so a lasting push affects few steps. The lag is the one with the smallest sum of absolute residuals, to which
+//! rare taps contribute little. Short blocks separate fast motions from pushes; long blocks separate slow motions from
+//! noise. The block length is used at which the best lag reduces the residuals most.
 //!
-//! Contact that follows the motion biases the lag without adding scatter. It can have any phase
-//! relative to gravity, whereas a lag acts in quadrature: the in-phase part of the residuals is
-//! added to the standard error.
+//! Contact that follows the motion biases the lag without adding scatter. It can have any phase relative to gravity,
+//! whereas a lag acts in quadrature. So the in-phase part of the residuals is added to the standard error.
 
 use std::array::from_fn;
 
@@ -29,11 +27,11 @@ const ROW: usize = 5;
 const MOST_ROWS: usize = 20_000;
 /// Number of parts of the recording whose scatter gives the standard error.
 const PARTS: usize = 20;
-/// Lags at this number of steps from the best have to be worse …
+/// Lags at least this number of steps from the best must be worse …
 const FAR: usize = 10;
-/// … by this number of standard errors of the difference; one in 300 is by chance.
+/// … by this number of standard errors of the difference, which chance alone exceeds once in 300 cases.
 const CLEAR: f64 = 3.0;
-/// A negligible standard error, s: it leaves 6 % of a load at 10 Hz.
+/// A negligible standard error, s: such an error of the lag leaves 6 % of a load at 10 Hz.
 const SMALL_S: f64 = 0.001;
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -48,15 +46,15 @@ impl Lag {
         self.standard_error_s <= SMALL_S
     }
 
-    /// Zero if the lag is uncertain and within two standard errors of zero.
+    /// Returns the lag to apply, s: zero if it is uncertain and within two standard errors of zero.
     pub fn taken_s(&self) -> f64 {
         let is_zero = !self.is_certain() && self.lag_s.abs() < 2.0 * self.standard_error_s;
         if is_zero { 0.0 } else { self.lag_s }
     }
 }
 
-/// Estimates the lag of a motion behind the forces, N, of a sensor that carries `payload`. `None`
-/// if no lag is clearly best: without motion, or among larger forces.
+/// Estimates the lag of a motion behind the forces, N, of a sensor that carries `payload`. `None` if no lag is clearly
+/// best, as without motion or under larger contact forces.
 pub fn find_lag(
     payload: &Payload,
     motion: &Motion,
@@ -82,7 +80,7 @@ struct LagScan<'a> {
     left: f64,
 }
 
-/// A row at a lag: the step of the load, its slope over the lag, the residual and its weight.
+/// A row at a lag: the step of the load, its derivative by the lag, the residual and its weight.
 struct LagRow {
     load: Vector,
     slope: Vector,
@@ -164,7 +162,7 @@ impl<'a> LagScan<'a> {
         (curvature > 0.0 && standard_error_s.is_finite()).then_some(Lag { lag_s, standard_error_s })
     }
 
-    /// Returns true if a lag's residuals are significantly larger than the best, over the parts.
+    /// Returns true if a lag's residuals significantly exceed those of the best, by their scatter over the parts.
     fn is_worse(&self, lag: usize) -> bool {
         let more: [f64; PARTS] = from_fn(|part| self.sums[lag][part] - self.sums[self.best][part]);
         more.iter().sum::<f64>() / PARTS as f64 > CLEAR * standard_error(&more)

@@ -31,7 +31,7 @@ enum Touch {
     Following,
 }
 
-/// Sines of these frequencies and random phases: a smooth random function of mean square 1.
+/// A smooth random function of mean square 1: a sum of sines, each with its frequency, Hz, and random phase.
 struct Wander(Vec<(f64, f64)>);
 
 impl Wander {
@@ -158,8 +158,8 @@ fn run(mover: Mover, kind: Touch, lag_s: f64, seed: u64) -> Option<Lag> {
 fn lags_are_found_under_contact_or_said_to_be_uncertain() {
     use Touch::*;
     let lags = [0.0063, -0.0418, 0.0771, 0.0005];
-    // Limit on the error, ms: at least twice the printed error, for other random numbers. Zero if
-    // no lag is clear, infinite if only the standard error is checked.
+    // Limit on the error, ms: at least twice the printed error, as other random numbers give other errors. Zero if no
+    // lag is clear, infinite if only the standard error is checked.
     for (mover, kind, within_ms) in [
         (Mover::Slow, Nothing, 1.0),
         (Mover::Slow, Taps, 3.0),
