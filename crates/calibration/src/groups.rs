@@ -166,7 +166,8 @@ pub(crate) fn label_poses(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     given(data).or_else(|| label_found_poses(data))
 }
 
-fn label_found_poses(data: &Dataset) -> Option<(GroupBy, Dataset)> {
+/// Labels rows by the poses that are found in them, if a sample shows some.
+pub(crate) fn label_found_poses(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     let may_have = |log: &LogRows| may_have_poses(&log.sample, log.is_sampled_at_start);
     data.logs.iter().all(may_have).then(|| label_groups(data, HeldOut::Poses))?
 }

@@ -237,7 +237,7 @@ fn check_stream(part: &StreamPart, facts: &BoardObservations<'_>, findings: &mut
     let calibration = calibration.filter(|of| of.channels() == summary.readings.len());
     let readings = &frames.readings;
     let identical = identical_in(readings, None);
-    check_channels(&summary, &[], &identical, calibration, findings);
+    check_channels((&summary, false), &[], &identical, calibration, findings);
     findings
         .extend(calibration.and_then(|of| outside(of.rows_out_of_range(readings), summary.rows)));
 }

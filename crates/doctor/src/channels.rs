@@ -14,9 +14,10 @@ const UNLIKELY: f64 = 2.0;
 const OUTSIDE: [f64; 2] = [0.05, 0.5];
 
 /// Checks for saturated, dead, quiet, identical and swapped channels. `identical` lists pairs with
-/// equal readings in every row; channels without `names` are s1, s2, ….
+/// equal readings in every row; channels without `names` are s1, s2, …. In a log that `is_still`, a channel may well have
+/// one reading.
 pub(crate) fn check_channels(
-    summary: &LogSummary,
+    (summary, is_still): (&LogSummary, bool),
     names: &[String],
     identical: &[(usize, usize)],
     calibration: Option<&Calibration>,
@@ -41,7 +42,10 @@ pub(crate) fn check_channels(
                      stand at an end of the range",
                 ),
             };
-            findings.push(Finding::fault("channel-dead", seen, advice));
+            findings.push(match is_still && saturated == 0 {
+                true => Finding::warning("channel-dead", seen, advice),
+                false => Finding::fault("channel-dead", seen, advice),
+            });
             continue;
         }
         if saturated > 0 {

@@ -15,6 +15,7 @@ use crate::channels::{
     without_consequences,
 };
 use crate::poses::{LabelledRows, PoseJump};
+use crate::rows::KeptRows;
 use crate::{Finding, percent};
 use calibration_file::CalibrationFile;
 use log_file::summary::LogSummary;
@@ -70,6 +71,7 @@ struct LogObservations<'a> {
     /// Sums of squares of the forces and of the moments.
     squares: [f64; 2],
     labelled: LabelledRows,
+    rows: KeptRows,
     identical: Option<Vec<(usize, usize)>>,
     rows_outside: u64,
     memory: Option<MemoryState>,
@@ -115,6 +117,7 @@ impl<'a> LogObservations<'a> {
     fn add(&mut self, block: &Block) {
         self.summary.add(block);
         self.labelled.add(block);
+        self.rows.add(block);
         if let [missing] = &block.others[..] {
             *self.missing.get_or_insert(0.0) += missing.iter().sum::<f64>();
         }
@@ -174,7 +177,9 @@ impl<'a> LogObservations<'a> {
         let calibration = self.calibration.map(|file| &file.calibration);
         let of_its_size = calibration.filter(|of| of.channels() == summary.readings.len());
         let identical = self.identical.as_deref().unwrap_or_default();
-        check_channels(summary, names, identical, of_its_size, &mut findings);
+        let still = self.rows.are_still();
+        check_channels((summary, still), names, identical, of_its_size, &mut findings);
+        self.rows.check((summary, names), log.axes(), &mut findings);
         for PoseJump { pose, rows_before, channel, means: [before, after] } in self.labelled.jumps()
         {
             let name = channel_name(names, channel);

@@ -15,6 +15,7 @@ use crate::exact::ExactSums;
 use crate::factored::{FactoredGroups, FactoredRows};
 use crate::fitted_groups::FittedGroups;
 use crate::grouped_rows::GroupedRows;
+use crate::held_out_errors::HeldOutErrors;
 use crate::model::Model;
 use crate::passes::Workers;
 use crate::quality::AxisQuality;
@@ -90,6 +91,14 @@ impl RowSums {
         (self.channels(), basis) == (model.channels, model.basis)
     }
 
+    /// Root mean squares, N and N·m.
+    pub fn loads(&self) -> PerAxis<f64> {
+        match self {
+            Self::Exact(sums) => std::array::from_fn(|axis| sums.mean_square(axis).sqrt()),
+            Self::Factored(rows) => rows.mean_squares().map(f64::sqrt),
+        }
+    }
+
     /// Name of the field in a document.
     pub fn field(&self) -> &'static str {
         match self {
@@ -144,6 +153,49 @@ impl RowSums {
                 Ok(SolvedSums { solution, quality, ranges, solver: SolverKind::Tsqr })
             }
         }
+    }
+}
+
+/// Errors on each of the `parts`, of one [kind](RowSums::kind), by a fit to all of them except those at `left_out`.
+///
+/// # Errors
+/// [`FitError`] if the other parts do not determine the coefficients, or all together cannot be summed exactly.
+pub fn errors_without(
+    parts: &[&RowSums],
+    left_out: &[usize],
+    model: &Model,
+    ridge: f64,
+) -> Result<Vec<PerAxis<HeldOutErrors>>, FitError> {
+    let merged = |is_wanted: &dyn Fn(&usize) -> bool| -> Result<Option<RowSums>, FitError> {
+        let mut wanted = (0..parts.len()).filter(is_wanted).map(|at| parts[at]);
+        let Some(mut all) = wanted.next().cloned() else { return Ok(None) };
+        wanted.try_for_each(|part| all.merge(part)).map_err(FitError::NotExact)?;
+        Ok(Some(all))
+    };
+    let rest = merged(&|at| !left_out.contains(at))?.ok_or(FitError::NoRows)?;
+    match (rest, merged(&|_| true)?, merged(&|at| left_out.contains(at))?) {
+        // Sums of the rest in the units of all, which suit the parts that are left out.
+        (RowSums::Exact(rest), Some(RowSums::Exact(all)), left_out) => {
+            let rest = match &left_out {
+                Some(RowSums::Exact(part)) => all.without(part),
+                _ => rest,
+            };
+            let fit = rest.solve(model, ridge)?;
+            let errors = parts.iter().filter_map(|part| match part {
+                RowSums::Exact(part) => Some(fit.errors_on(part)),
+                RowSums::Factored(_) => None,
+            });
+            Ok(errors.collect())
+        }
+        (RowSums::Factored(rest), ..) => {
+            let solution = rest.solve(model, ridge)?;
+            let errors = parts.iter().filter_map(|part| match part {
+                RowSums::Factored(part) => part.errors(&solution),
+                RowSums::Exact(_) => None,
+            });
+            Ok(errors.collect())
+        }
+        (RowSums::Exact(_), ..) => Err(FitError::NoRows),
     }
 }
 

@@ -76,12 +76,12 @@ pub enum PlacedProblem {
     #[error("lines end with a carriage return and no line feed")]
     CarriageReturns,
     /// Numbers without a header, in a number of columns that no known layout has; `time` is the column, from 1, that
-    /// counts seconds since 1970, or the first.
+    /// counts seconds since 1970, or the first if it rises.
     #[error(
         "{columns} columns and no header, expected 15 (time, 8 sensors, wrench) or 12 (2 others, time, \
          wrench, motion)"
     )]
-    UnknownLayout { columns: usize, time: usize },
+    UnknownLayout { columns: usize, time: Option<usize> },
     /// No lines are rows of numbers, and the first line does not name known columns.
     #[error("this names no columns, and no rows of numbers follow")]
     NoTable,
@@ -258,7 +258,15 @@ fn few(values: &[String]) -> String {
     }
 }
 
-fn by_number(columns: usize, time: usize) -> String {
+fn by_number(columns: usize, time: Option<usize>) -> String {
+    if time.is_none() && columns > 6 {
+        let (last, wrench) = (columns - 6, columns - 5);
+        return format!(
+            "say which columns are which: `--sensors 1-{last} --wrench {wrench}-{columns}` or \
+             `--sensors 1-{columns}`; none looks like a time"
+        );
+    }
+    let time = time.unwrap_or(1);
     let (first, wrench) = (time + 1, columns.saturating_sub(5));
     let readings = format!("`--time {time} --sensors {first}-{columns}`");
     match columns {

@@ -104,6 +104,7 @@ pub struct PhysicsValidation {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GroupErrors {
+    pub group: u64,
     /// Predicted minus measured.
     pub errors: PerAxis<HeldOutErrors>,
     /// Rows within their intervals of [`COVERAGE_LEVEL`]; `None` without intervals.
@@ -229,7 +230,8 @@ fn errors(
     let every = rows.row_count().div_ceil(MOST_JUDGED);
     let take = |group, errors: PerAxis<f64>, standard_errors: PerAxis<f64>| {
         let covered = factors.map(|_| PerAxis::default());
-        let of = groups.entry(group).or_insert(GroupErrors { covered, ..GroupErrors::default() });
+        let of =
+            groups.entry(group).or_insert(GroupErrors { group, covered, ..GroupErrors::default() });
         for (axis, (error, standard_error)) in errors.into_iter().zip(standard_errors).enumerate() {
             let one = HeldOutErrors { rows: 1, sum: error, squares: error * error };
             of.errors[axis].merge(&one);

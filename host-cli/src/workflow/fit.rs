@@ -22,8 +22,7 @@ pub struct FitData {
 }
 
 impl FitData {
-    /// Reads the rows of logs, and the labels needed for their groups; for a report also the labels of the test
-    /// logs and the times. Fails if a log cannot be read, or the logs differ in their channels or axes.
+    /// Reads the rows of logs, and the labels needed for their groups; for a report also the times. Fails if a log cannot be read, or the logs differ in their channels or axes.
     pub fn read(
         train: &[Log],
         test: &[Log],
@@ -33,10 +32,9 @@ impl FitData {
         check_logs(train, test, &rows_wanted())?;
         let axes = agree_on_axes(train, &mut [])?;
         test.iter().try_for_each(|log| log.require_axes(axes))?;
-        let asked_of_tests = if is_reported { GroupsAsked::IfAny } else { GroupsAsked::Nothing };
         let in_time = !options.dynamics.is_nothing();
         let of_train = wanted_for(train, options.groups_asked(), in_time || is_reported)?;
-        let of_test = wanted_for(test, asked_of_tests, in_time)?;
+        let of_test = wanted_for(test, GroupsAsked::IfAny, in_time)?;
         let logs: Vec<(&Log, Wanted)> = (train.iter().map(|log| (log, of_train.clone())))
             .chain(test.iter().map(|log| (log, of_test.clone())))
             .collect();
@@ -46,9 +44,7 @@ impl FitData {
         let channel_names = names.into_iter().flatten().map(str::to_owned).collect();
         let mut read = Self { train: data, test: tested, channel_names };
         sample_logs(&mut read.train, train, &of_train)?;
-        if is_reported {
-            sample_logs(&mut read.test, test, &of_test)?;
-        }
+        sample_logs(&mut read.test, test, &of_test)?;
         Ok(read)
     }
 
@@ -56,11 +52,10 @@ impl FitData {
     pub fn read_tests(
         &mut self,
         test: &[Log],
-        (options, labels_tests): (&FitOptions<'_>, bool),
+        options: &FitOptions<'_>,
         read: &ReadOptions<'_>,
     ) -> Result<(), WorkflowError> {
-        let asked = if labels_tests { GroupsAsked::IfAny } else { GroupsAsked::Nothing };
-        let wanted = wanted_for(test, asked, !options.dynamics.is_nothing())?;
+        let wanted = wanted_for(test, GroupsAsked::IfAny, !options.dynamics.is_nothing())?;
         for log in test {
             log.require(&wanted)?;
             check_channels(log, self.train.channels())?;
@@ -69,9 +64,7 @@ impl FitData {
         // A group may be in the training logs alone.
         let read = &ReadOptions { may_exclude_nothing: true, ..*read };
         self.test = read_dataset(&logs, read)?;
-        if labels_tests {
-            sample_logs(&mut self.test, test, &wanted)?;
-        }
+        sample_logs(&mut self.test, test, &wanted)?;
         Ok(())
     }
 

@@ -375,6 +375,48 @@ fn partial_fits_pass_through_pipes() {
 /// Memory holds one partial fit and the sum: some 5 MB, while 10,000 are 34 MB of text.
 #[cfg(target_os = "linux")]
 #[test]
+fn a_partial_fit_that_contradicts_the_others_is_named() {
+    let dir = tempfile::tempdir().unwrap();
+    for part in 1..=5 {
+        succeed(&dir, &format!("synth train --rows 600 --rate 10 --seed {part} -o {part}.csv"));
+    }
+    let spoil = |change: &dyn Fn(&mut Vec<String>)| {
+        let text = fs::read_to_string(dir.path().join("3.csv")).unwrap();
+        let (header, rows) = text.split_once('\n').unwrap();
+        let columns: Vec<&str> = header.split(',').collect();
+        let first = columns.iter().position(|name| *name == "fx_n").unwrap();
+        let changed = |row: &str| {
+            let mut fields: Vec<String> = row.split(',').map(str::to_owned).collect();
+            let mut wrench: Vec<String> = fields.drain(first..first + 6).collect();
+            change(&mut wrench);
+            fields.splice(first..first, wrench);
+            fields.join(",")
+        };
+        let rows: Vec<String> = rows.lines().map(changed).collect();
+        fs::write(dir.path().join("spoilt.csv"), format!("{header}\n{}\n", rows.join("\n")))
+            .unwrap();
+    };
+    let merged = |third: &str| {
+        let mut parts = String::new();
+        for log in ["1.csv", "2.csv", third, "4.csv", "5.csv"] {
+            succeed(&dir, &format!("fit {log} --model cubic --partial {log}.json"));
+            parts += &format!(" {log}.json");
+        }
+        ended(&dir, &format!("merge{parts} -o cal.json"), 0).1
+    };
+    assert!(!merged("3.csv").contains("times as much as the other partial fits"));
+    let in_mm = |load: &mut String| *load = (1e3 * load.parse::<f64>().unwrap()).to_string();
+    let spoilings: [&dyn Fn(&mut Vec<String>); 2] =
+        [&|wrench| wrench.swap(0, 1), &|wrench| wrench[3..].iter_mut().for_each(in_mm)];
+    for change in spoilings {
+        spoil(change);
+        let said = merged("spoilt.csv");
+        assert!(said.contains("`spoilt.csv.json` errs "), "{said}");
+        assert_eq!(said.matches("times as much as the other partial fits").count(), 1, "{said}");
+    }
+}
+
+#[test]
 fn ten_thousand_partial_fits_are_merged_in_flat_memory() {
     use std::io::Write;
     let dir = tempfile::tempdir().unwrap();

@@ -132,6 +132,25 @@ impl Session {
         Self { train, test: recording("test.csv") }
     }
 
+    /// Seven files of five poses each, without labels.
+    fn of_files_of_poses(seed: u64, noise: f64, bend: f64) -> Self {
+        let mut of_poses = Self::of_poses(seed, 35, noise, bend);
+        let whole = of_poses.train.remove(0);
+        let names = ["a.csv", "b.csv", "c.csv", "d.csv", "e.csv", "f.csv", "g.csv"];
+        let part = |columns: &[Vec<f64>], file: usize| {
+            let rows = 5 * ROWS_OF_POSE;
+            columns.iter().map(|of| of[file * rows..(file + 1) * rows].to_vec()).collect()
+        };
+        let file = |(file, name)| Recording {
+            name,
+            readings: part(&whole.readings, file),
+            wrench: part(&whole.wrench, file),
+            groups: Vec::new(),
+        };
+        of_poses.train = names.into_iter().enumerate().map(file).collect();
+        of_poses
+    }
+
     fn fit(self) -> Fit {
         let by = if self.train.len() > 1 { HeldOut::File } else { HeldOut::Column };
         let data = |recordings: Vec<Recording>| Dataset {
@@ -158,7 +177,7 @@ impl Session {
 type Spoil = fn(&mut Session);
 
 /// The name, the change, and a part of the resulting headline.
-const OF_POSES: [(&str, Spoil, &str); 36] = [
+const OF_POSES: [(&str, Spoil, &str); 37] = [
     (
         "test: Fx and Fy exchanged",
         |s| s.test.exchange(0, 1, 0),
@@ -322,6 +341,17 @@ const OF_POSES: [(&str, Spoil, &str); 36] = [
         "the zero of Fz jumps",
     ),
     (
+        "training: the zero of the reference drifts",
+        |s| {
+            let rows = (POSES * ROWS_OF_POSE) as f64;
+            s.train[0].wrench[2]
+                .iter_mut()
+                .enumerate()
+                .for_each(|(row, f)| *f += row as f64 / rows);
+        },
+        "the zero of Fz drifts by 0.",
+    ),
+    (
         "training: the load of a pose written down wrongly",
         |s| s.train[0].wrench[2][400..420].iter_mut().for_each(|f| *f += 4.0),
         "pose `p20` errs",
@@ -334,7 +364,7 @@ const OF_POSES: [(&str, Spoil, &str); 36] = [
 ];
 
 /// Like the cases above, for sessions of five files.
-const OF_FILES: [(&str, Spoil, &str); 6] = [
+const OF_FILES: [(&str, Spoil, &str); 14] = [
     (
         "training: a file with all forces of the other sign",
         |s| s.train[3].negate(&[0, 1, 2], 0),
@@ -359,6 +389,59 @@ const OF_FILES: [(&str, Spoil, &str); 6] = [
         "training: a left-handed file",
         |s| s.train[2].negate(&[1, 3, 5], 0),
         "in `c.csv` against `a.csv`, mirroring y (another handedness)",
+    ),
+    (
+        "training: a file with another zero of the forces",
+        |s| s.train[3].wrench[1].iter_mut().for_each(|f| *f += 1.0),
+        "in `d.csv` another zero of forces",
+    ),
+    (
+        "training: a file with the reference six rows late",
+        |s| s.train[1].wrench.iter_mut().for_each(|column| column.rotate_right(6)),
+        "in `b.csv` taking the reference 6 rows earlier",
+    ),
+    (
+        "training: a file with two channels exchanged",
+        |s| s.train[2].readings.swap(1, 4),
+        "in `c.csv` exchanging the readings s2 and s5",
+    ),
+    (
+        "training: a file with noise in place of Mz",
+        |s| {
+            let mut random = Random(13);
+            s.train[4].wrench[5].iter_mut().for_each(|m| *m = 0.04 * random.normal());
+        },
+        "`e.csv` errs",
+    ),
+    (
+        "training: the reference stands still for a quarter of a file",
+        |s| {
+            s.train[0].wrench.iter_mut().for_each(|column| {
+                let value = column[200];
+                column[200..350].fill(value);
+            });
+        },
+        "in `a.csv` the reference stands still in rows 201 to 350",
+    ),
+    (
+        "training: Fz of the reference stands still for a quarter of a file",
+        |s| s.train[0].wrench[2][200..350].fill(0.75),
+        "in `a.csv` Fz stands at 0.75 N in rows 201 to 350",
+    ),
+    (
+        "training: the reference is overloaded along Fx",
+        |s| s.train[3].wrench[0].iter_mut().for_each(|f| *f = f.min(0.9)),
+        "in `d.csv` Fx is cut off at 0.9",
+    ),
+    (
+        "training: noise in place of Mz in all files",
+        |s| {
+            let mut random = Random(14);
+            for of in &mut s.train {
+                of.wrench[5].iter_mut().for_each(|m| *m = 0.04 * random.normal());
+            }
+        },
+        "the error of Mz is about as large as the loads",
     ),
     (
         "training: a reference that is computed from the readings",
@@ -395,13 +478,38 @@ fn spoilt_files_are_named_with_their_cure_and_the_table_of_the_docs_is_theirs() 
     assert!(docs.contains(&table), "`docs/spoilt-files.md` should have:\n{table}");
 }
 
+/// A test of three poses has an error of 2.7 or 7 times the promise: the first may be chance.
+#[test]
+fn a_few_test_poses_are_not_ok_if_far_off_and_not_known_if_they_cannot_tell() {
+    for (times, expected) in [(1.0, "OK"), (2.7, "NOT KNOWN"), (7.0, "NOT OK on the test: ")] {
+        let mut session = Session::of_poses(15, POSES, 2.0, 0.02);
+        let promised = session.clone().fit().unseen_errors().unwrap().rms[2];
+        let [train, test] = [&mut session.train[0], &mut session.test];
+        // Poses of the training data that are taken out: the fit has not seen them.
+        let rows = 3 * ROWS_OF_POSE;
+        let take = |column: &mut Vec<f64>| column.drain(..rows).collect::<Vec<f64>>();
+        test.readings = train.readings.iter_mut().map(take).collect();
+        test.wrench = train.wrench.iter_mut().map(take).collect();
+        train.groups.drain(..3);
+        let error = |row: usize| [1.0, -1.0, 1.0][row / ROWS_OF_POSE] * times * promised;
+        for (row, load) in test.wrench[2].iter_mut().enumerate() {
+            *load += error(row);
+        }
+        let fitted = session.fit();
+        let headline = fitted.verdict().headline();
+        assert!(headline.starts_with(expected), "{times}: {headline}");
+        assert_eq!(fitted.verdict().is_ok(), expected == "OK");
+    }
+}
+
 /// Sensors of other noise, bend, number of poses and files.
 #[test]
-fn forty_sound_sessions_are_ok() {
+fn fifty_sound_sessions_are_ok() {
     let mut blamed = Vec::new();
-    for seed in 0..40_u64 {
+    for seed in 0..50_u64 {
         let (noise, bend) = (1.0 + (seed % 5) as f64, 0.02 * (seed % 7) as f64);
         let session = match seed % 2 {
+            _ if seed >= 40 => Session::of_files_of_poses(100 + seed, noise, 0.1 * bend),
             0 => Session::of_poses(100 + seed, 40 + 5 * (seed as usize % 9), noise, bend),
             _ => Session::of_files(100 + seed, noise, bend),
         };

@@ -183,6 +183,12 @@ fn two_calibrations_are_compared_by_groups_and_eval_names_its_inputs() {
     }
     let text = succeed(&dir, &format!("eval cubic.json {test} --against cubic.json"));
     assert!(text.contains("no significant difference") && !text.contains("errs less"), "{text}");
+    let (_, said) = ended(&dir, &format!("eval cubic.json {test} --against linear.json"), 0);
+    assert!(!said.contains("was used for the fit"), "{said}");
+    let (_, said) = ended(&dir, &format!("eval cubic.json {train} --against linear.json"), 0);
+    for name in ["cubic.json", "linear.json"] {
+        assert!(said.contains(&format!("was used for the fit of `{name}`")), "{said}");
+    }
     let said = refused(&dir, &format!("eval cubic.json linear.json {test}"));
     assert!(said.contains("shellcal eval cubic.json LOG --against linear.json"), "{said}");
     let (_, said) = ended(&dir, &format!("eval cubic.json {train}"), 0);

@@ -166,6 +166,8 @@ fn the_command_ends_with_2_and_a_hint() {
         ("time,s1\n", "nothing was recorded"),
         ("time,time,s1\n1,2,3\n", "`--time 1` or `--time 2`"),
         ("1,2,3\n", "`--time 1 --sensors 2-3`"),
+        // The first column does not rise: none is a time.
+        ("5,2,3,1,1,1,1,1\n4,1,2,1,1,1,1,1\n", "`--sensors 1-2 --wrench 3-8`"),
         ("% hello\n1\n", "names the columns"),
         ("\u{1f}\u{1}", "logs are text"),
     ] {

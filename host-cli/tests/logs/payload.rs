@@ -149,6 +149,22 @@ fn the_lag_of_a_moving_arm_is_found_under_contact() {
 }
 
 #[test]
+fn moments_in_another_unit_are_named() {
+    let dir = tempfile::tempdir().unwrap();
+    for (unit, is_named) in [(1.0, false), (1e3, true)] {
+        let mut log = "fx_n,fy_n,fz_n,mx,my,mz,gx,gy,gz\n".to_owned();
+        for gravity in directions(12) {
+            let mut wrench = wrench_in(gravity);
+            wrench[3..].iter_mut().for_each(|moment| *moment *= unit);
+            writeln!(log, "{},{}", join(&wrench), join(&gravity)).unwrap();
+        }
+        fs::write(dir.path().join("poses.csv"), log).unwrap();
+        let (_, said) = ended(dir.path(), "payload fit poses.csv", 0);
+        assert_eq!(said.contains("moments are probably in mN·m"), is_named, "{said}");
+    }
+}
+
+#[test]
 fn labelled_poses_are_averaged_and_set_the_standard_errors() {
     let dir = tempfile::tempdir().unwrap();
     let mut text = "Fx,Fy,Fz,Mx (mN·m),My (mN·m),Mz (mN·m),qx,qy,qz,qw,pose\n".to_owned();

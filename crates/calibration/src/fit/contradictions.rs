@@ -3,12 +3,17 @@
 //! computed from the readings.
 
 use std::collections::HashMap;
+use std::iter::{repeat, repeat_n};
 
-use super::Fit;
 use super::cures::{Cure, WrenchProducts};
-use super::evaluation::group_errors;
+use super::evaluation::{GroupErrors, group_errors};
+use super::outliers::Outliers;
 use super::parts::{linear, predicted, spread};
+use super::warning::Warning;
+use super::{Fit, files};
+use crate::groups::label_found_poses;
 use least_squares::error::FitError;
+use least_squares::held_out_errors::HeldOutErrors;
 use least_squares::passes::Workers;
 use least_squares::quality::significant;
 use shell_data::block::Block;
@@ -33,10 +38,10 @@ const NO_ERROR: f64 = 1e-3;
 /// R² on every axis from which on a reference was computed from the readings.
 const COMPUTED: f64 = 0.999_999;
 
-/// Least error of a faulty pose, in errors of the others, and least number of poses. A pose of a
-/// sound recording, hung by hand, errs 6.4 times as much; a load written down wrongly, ten times
-/// and more.
-const FAR_MORE: f64 = 7.0;
+/// Least error of a faulty pose, in errors of the others, and least number of poses. In random parts
+/// of a sound recording, hung by hand, a pose errs up to 7.8 times as much; a load written down
+/// wrongly, ten times and more.
+const FAR_MORE: f64 = 9.0;
 const FEWEST_POSES: usize = 8;
 
 /// Largest difference of equal readings and least difference of different loads, as shares of their
@@ -53,19 +58,35 @@ const BESIDE: usize = 12;
 /// A log with more rows uses every second, third, … block for residuals.
 const MOST_ROWS: u64 = 100_000;
 
-/// Least share of the squares of the means that a jump explains, and of the jump between adjacent
-/// means.
+/// Largest share of rows that stand out by chance or by a slip now and then.
+const MOST_OUTLIERS: f64 = 0.02;
+
+/// Least share of the squares of the means that a jump or a drift explains, and of the jump between
+/// adjacent means.
 const EXPLAINED: f64 = 0.6;
 const SUDDEN: f64 = 0.6;
+
+/// Least drift of the zero over a log, in root mean square errors: a drift alone has 3.5 of them.
+const DRIFT: f64 = 2.0;
 
 pub(super) fn find(fit: &Fit, workers: Workers<'_>) -> Result<Vec<String>, FitError> {
     let mut found = parts(fit, workers)?;
     if found.is_empty() {
-        found.extend(zero_jumps(fit));
+        found = files::find(fit, workers)?;
+    }
+    if found.is_empty() {
+        found.extend(moving_zero(fit));
     }
     found.extend(same_readings(fit));
     found.extend(poses_that_err(fit, workers)?);
     found.extend(computed_reference(fit));
+    found.extend(many_outliers(fit));
+    found.extend(fit.warnings.iter().find_map(|warning| match warning {
+        Warning::MomentUnit(lever_m) => {
+            Some(format!("moments / forces = {lever_m:.1} m: moments are probably in mN·m"))
+        }
+        _ => None,
+    }));
     Ok(found)
 }
 
@@ -138,40 +159,71 @@ fn parts(fit: &Fit, workers: Workers<'_>) -> Result<Vec<String>, FitError> {
     Ok(told)
 }
 
-/// Largest jump of an axis's mean residual, in the first log with a jump.
-fn zero_jumps(fit: &Fit) -> Option<String> {
-    for log in &fit.used.logs {
+/// Largest jump, or drift, of an axis's mean residual, in the first log with one. Rows of a pose share their error, so each pose
+/// is one mean.
+fn moving_zero(fit: &Fit) -> Option<String> {
+    let found = match fit.group_by.is_some_and(|by| by.is_poses()) {
+        true => Some(fit.used.clone()),
+        false => label_found_poses(&fit.used).map(|(_, data)| data),
+    };
+    let are_poses = found.is_some();
+    for log in &found.as_ref().unwrap_or(&fit.used).logs {
         let blocks = (log.rows() / MOST_ROWS + 1) as usize;
-        let rows = log.rows() as usize / blocks;
-        let every = rows.div_ceil(MEANS).max(1);
-        let mut means = PerAxis::<Vec<f64>>::default();
-        let (mut sums, mut count) = ([0.0; 6], 0);
-        for block in log.blocks.iter().step_by(blocks) {
+        let every = (log.rows() as usize / blocks).div_ceil(MEANS).max(1);
+        let mut means: Vec<ResidualMean> = Vec::new();
+        let (mut first, mut label) = (0, None);
+        for (at, block) in log.blocks.iter().enumerate() {
+            let rows = block.rows.rows;
+            let mut at_row = first;
+            first += rows;
+            if at % blocks != 0 {
+                continue;
+            }
             let predicted = predicted(&fit.calibration, &block.rows);
-            let errors = |row: usize| -> PerAxis<f64> {
-                std::array::from_fn(|axis| predicted[axis][row] - block.rows.wrench[axis][row])
-            };
-            for errors in (0..block.rows.rows).map(errors) {
-                sums.iter_mut().zip(errors).for_each(|(sum, error)| *sum += error);
-                count += 1;
-                if count == every {
-                    for (column, sum) in means.iter_mut().zip(&mut sums) {
-                        column.push(std::mem::take(sum) / count as f64);
-                    }
-                    count = 0;
+            let labels = block.labels.iter().flat_map(|(label, rows)| repeat_n(Some(label), *rows));
+            for (row, now) in (0..rows).zip(labels.chain(repeat(None))) {
+                let is_next = match are_poses {
+                    true => label != now,
+                    false => means.last().is_some_and(|last| last.rows == every),
+                };
+                if is_next || means.is_empty() {
+                    means.push(ResidualMean { first_row: at_row, ..ResidualMean::default() });
+                }
+                (label, at_row) = (now, at_row + 1);
+                let last = means.last_mut().expect("one that was just added at the latest");
+                last.rows += 1;
+                for (axis, sum) in last.sums.iter_mut().enumerate() {
+                    *sum += predicted[axis][row] - block.rows.wrench[axis][row];
                 }
             }
         }
-        let jump = |axis: Axis| Some((axis, jump(&means[axis.index()])?));
-        let jumps = fit.calibration.axes.iter().filter_map(jump);
+        let column = |axis: Axis| {
+            means.iter().map(|of| of.sums[axis.index()] / of.rows as f64).collect::<Vec<f64>>()
+        };
+        let jumps = fit.calibration.axes.iter();
+        let jumps = jumps.filter_map(|axis| Some((axis, jump(&column(axis))?)));
         let largest = jumps.max_by(|a, b| a.1.explained.total_cmp(&b.1.explained));
+        let drifts = fit.calibration.axes.iter().filter_map(|axis| {
+            let (size, explained) = drift(&column(axis))?;
+            (size.abs() > DRIFT * fit.train[axis.index()].rms).then_some((axis, size, explained))
+        });
+        let drifted = drifts.max_by(|a, b| a.2.total_cmp(&b.2)).filter(|_| largest.is_none());
+        if let Some((axis, size, _)) = drifted {
+            return Some(format!(
+                "the zero of {} drifts by {} {} over `{}`: let the sensors warm up first",
+                axis.name(),
+                significant(size.abs(), 2),
+                axis.unit(),
+                log.name.display()
+            ));
+        }
         if let Some((axis, jump)) = largest {
             return Some(format!(
                 "the zero of {} jumps by {} {} at row {} of `{}`",
                 axis.name(),
                 significant(jump.size.abs(), 2),
                 axis.unit(),
-                jump.at * every * blocks + 1,
+                means[jump.at].first_row + 1,
                 log.name.display()
             ));
         }
@@ -179,10 +231,33 @@ fn zero_jumps(fit: &Fit) -> Option<String> {
     None
 }
 
+/// Sums of the residuals of consecutive rows.
+#[derive(Default)]
+struct ResidualMean {
+    first_row: usize,
+    rows: usize,
+    sums: PerAxis<f64>,
+}
+
 struct Jump {
     at: usize,
     size: f64,
     explained: f64,
+}
+
+/// Change along a straight line from the first to the last value of a column, if it explains most of it, and its share.
+fn drift(column: &[f64]) -> Option<(f64, f64)> {
+    let all = RunningVariance::new(column);
+    let n = column.len();
+    if n < 4 * BESIDE || all.squares <= 0.0 {
+        return None;
+    }
+    let middle = (n - 1) as f64 / 2.0;
+    let products = column.iter().enumerate().map(|(at, value)| (at as f64 - middle) * value);
+    let squares = (n * n - 1) as f64 * n as f64 / 12.0;
+    let slope = products.sum::<f64>() / squares;
+    let explained = slope * slope * squares / all.squares;
+    (explained > EXPLAINED).then_some((slope * (n - 1) as f64, explained))
 }
 
 /// Jump of a column, if it explains most of it and is sudden.
@@ -220,12 +295,17 @@ fn poses_that_err(fit: &Fit, workers: Workers<'_>) -> Result<Option<String>, Fit
     if groups.len() < FEWEST_POSES {
         return Ok(None);
     }
+    let held_out = held_out_alone(fit);
     let mut named: Vec<(f64, &str, Axis)> = Vec::new();
     for axis in fit.calibration.axes.iter() {
-        let squares: Vec<f64> = groups
-            .iter()
-            .map(|of| of.errors[axis.index()].quality().map_or(0.0, |quality| quality.rms.powi(2)))
-            .collect();
+        // The residual of a pose of leverage h is (1 − h) times its held-out error, and its variance is proportional to
+        // 1 − h. The geometric mean of both has the same variance for all poses.
+        let square = |of: &GroupErrors| {
+            let rms = of.errors[axis.index()].quality().map_or(0.0, |quality| quality.rms);
+            let alone = held_out.get(of.label.as_str()).map_or(rms, |of| of[axis.index()].rms());
+            rms * alone
+        };
+        let squares: Vec<f64> = groups.iter().map(square).collect();
         let total: f64 = squares.iter().sum();
         for (group, square) in groups.iter().zip(&squares) {
             let rest = (total - square) / (groups.len() - 1) as f64;
@@ -242,6 +322,16 @@ fn poses_that_err(fit: &Fit, workers: Workers<'_>) -> Result<Option<String>, Fit
             axis.name()
         )
     }))
+}
+
+/// Errors on the groups that were each held out alone, by label; empty unless all were.
+fn held_out_alone(fit: &Fit) -> HashMap<&str, &PerAxis<HeldOutErrors>> {
+    let folds = fit.cross_validation.iter().flat_map(|found| &found.by_fold);
+    let alone = folds.map(|fold| match &fold.labels[..] {
+        [label] => Some((label.as_str(), &fold.errors)),
+        _ => None,
+    });
+    alone.collect::<Option<_>>().unwrap_or_default()
 }
 
 #[derive(Default)]
@@ -311,6 +401,16 @@ fn pose_means(data: &Dataset) -> Option<Vec<(String, PoseMeans)>> {
         pose.readings.iter_mut().chain(&mut pose.loads).for_each(|of| *of /= pose.rows.max(1.0));
     }
     Some(poses)
+}
+
+fn many_outliers(fit: &Fit) -> Option<String> {
+    let found = [fit.outliers.found(), Some(&fit.dropped)];
+    let count = |of: &Outliers| of.too_many.unwrap_or(of.rows.len());
+    let rows = found.into_iter().flatten().map(count).max()?;
+    let of = fit.rows + fit.dropped.rows.len() as u64;
+    (rows as f64 > MOST_OUTLIERS * of as f64).then(|| {
+        format!("{rows} of {of} rows stand out by their error: check cables and units around them")
+    })
 }
 
 /// A reference that the readings explain too well for a measurement.

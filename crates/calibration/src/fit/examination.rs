@@ -11,7 +11,7 @@ use crate::validation::excitation::Excitation;
 use least_squares::error::FitError;
 use least_squares::passes::Workers;
 use least_squares::quality::{AxisQuality, significant};
-use least_squares::uncertainty::student_quantile;
+use least_squares::uncertainty::fisher_quantile;
 use least_squares::validation::cross_validation::CrossValidation;
 use sensor_physics::COVERAGE_LEVEL;
 use shell_data::block::Block;
@@ -25,6 +25,9 @@ const MOST_OF_TRAINING: f64 = 3.0;
 
 /// Errors below this share of the calibrated range never fail a test.
 const NO_ERROR: f64 = 1e-3;
+
+/// Blocks of time whose mean loads differ by less than this share of the calibrated range are one pose.
+const SAME_LOAD: f64 = 0.02;
 
 /// Maximum number of rows on which each exchange of two channels is tried.
 const ROWS_OF_EXCHANGE: usize = 300;
@@ -49,8 +52,12 @@ pub struct Fault {
 pub struct TestRatio {
     pub axis: Axis,
     pub ratio: f64,
-    /// 95 % interval, from the scatter between groups of test rows; zero to infinity for a single group.
+    /// 95 % interval, from the numbers of independent groups in the test and behind the promise, by Fisher's F.
     pub interval: [f64; 2],
+    /// Number of independent groups of test rows.
+    pub groups: usize,
+    /// Ratio above which the test fails, if this is certain.
+    pub most: f64,
 }
 
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -80,6 +87,9 @@ pub struct Promise {
     pub spread: PerAxis<f64>,
     /// True for errors on held-out rows, false for those on training rows.
     pub is_held_out: bool,
+    /// Number of independent groups that `rms` comes from; infinite if `spread` includes their scatter, or if it is
+    /// not known.
+    pub groups: f64,
     /// Difference between the largest and the smallest training load of each axis, zero if it is not known.
     pub range: PerAxis<f64>,
 }
@@ -95,12 +105,14 @@ impl Promise {
             Some(found) => found.grouped[axis].rms,
             None => train[axis].rms,
         };
+        let groups = held_out.filter(|_| spread.is_none()).map(|found| found.groups as f64);
         let range =
             |axis: usize| excitation.map_or(0.0, |of| of.axes[axis].max - of.axes[axis].min);
         Self {
             rms: std::array::from_fn(rms),
             spread: spread.unwrap_or([1.0; 6]),
             is_held_out: held_out.is_some(),
+            groups: groups.unwrap_or(f64::INFINITY),
             range: std::array::from_fn(range),
         }
     }
@@ -121,9 +133,8 @@ impl Promise {
         outside: [u64; 2],
         workers: Workers<'_>,
     ) -> Result<(Option<TestRatio>, Option<Fault>), FitError> {
-        let most = self.most();
         let whole = self.ratio(calibration, tested, workers)?;
-        let mut failed = whole.filter(|of| of.fails(most)).map(|of| of.words(outside));
+        let mut failed = whole.filter(TestRatio::fails).map(|of| of.words(outside));
         // A few logs scatter too much to tell whether one of them is wrong.
         for log in tested.logs.iter().filter(|_| tested.logs.len() > 1) {
             if failed.is_some() {
@@ -132,10 +143,10 @@ impl Promise {
             let alone = Dataset { logs: vec![log.clone()] };
             let of_log = self.ratio(calibration, &alone, workers)?;
             failed = of_log
-                .filter(|of| of.fails(most))
+                .filter(TestRatio::fails)
                 .map(|of| format!("in `{}` {}", log.name.display(), of.words(outside)));
         }
-        let limit = self.least().map(|of| most * of);
+        let limit = self.least().map(|of| self.most() * of);
         let fault = failed.map(|words| cure_of_test(calibration, tested, &limit).unwrap_or(words));
         Ok((whole, fault.map(Fault::of_test)))
     }
@@ -155,11 +166,55 @@ impl Promise {
         workers: Workers<'_>,
     ) -> Result<Option<TestRatio>, FitError> {
         let least = self.least();
-        let Some((_, labelled)) = label_groups(rows, HeldOut::Auto) else { return Ok(None) };
+        let Some((by, labelled)) = label_groups(rows, HeldOut::Auto) else { return Ok(None) };
         let groups = group_errors(calibration, &labelled, 0, workers)?.groups;
+        let independent = match by.is_time_blocks() {
+            true => self.distinct_loads(&groups, calibration.axes),
+            false => groups.len(),
+        };
+        let of_axis = |axis: Axis| self.ratio_of(axis, &groups, independent);
         let ratios = calibration.axes.iter().filter(|axis| least[axis.index()] > 0.0);
-        let ratios = ratios.filter_map(|axis| TestRatio::new(axis, &groups, least[axis.index()]));
-        Ok(ratios.max_by(|a, b| a.interval[0].total_cmp(&b.interval[0])))
+        Ok(ratios.filter_map(of_axis).max_by(|a, b| a.interval[0].total_cmp(&b.interval[0])))
+    }
+
+    fn ratio_of(
+        &self,
+        axis: Axis,
+        groups: &[GroupErrors],
+        independent: usize,
+    ) -> Option<TestRatio> {
+        let at = axis.index();
+        let of = |group: &GroupErrors| {
+            let rms = group.errors[at].quality()?.rms;
+            Some((group.rows as f64, rms * rms))
+        };
+        let squares: Vec<(f64, f64)> = groups.iter().filter_map(of).collect();
+        let sum = |of: fn(&(f64, f64)) -> f64| squares.iter().map(of).sum::<f64>();
+        let rows = sum(|(rows, _)| *rows);
+        let ratio = (sum(|(rows, square)| rows * square) / rows).sqrt() / self.least()[at];
+        // As many as groups of equal size would be.
+        let count = (rows * rows / sum(|(rows, _)| rows * rows)).min(independent as f64);
+        let level = 0.5 + COVERAGE_LEVEL / 2.0;
+        let low = ratio / fisher_quantile(level, count, self.groups).sqrt();
+        let high = ratio / fisher_quantile(1.0 - level, count, self.groups).sqrt();
+        let (interval, groups) = ([low, high], count.round() as usize);
+        ratio.is_finite().then_some(TestRatio { axis, ratio, interval, groups, most: self.most() })
+    }
+
+    /// Number of groups with loads that differ from those of all others.
+    fn distinct_loads(&self, groups: &[GroupErrors], axes: Axes) -> usize {
+        let is_same = |a: &GroupErrors, b: &GroupErrors| {
+            let is_near =
+                |axis: usize| (a.load[axis] - b.load[axis]).abs() <= SAME_LOAD * self.range[axis];
+            axes.iter().all(|axis| is_near(axis.index()))
+        };
+        let mut distinct: Vec<&GroupErrors> = Vec::new();
+        for group in groups {
+            if !distinct.iter().any(|known| is_same(known, group)) {
+                distinct.push(group);
+            }
+        }
+        distinct.len()
     }
 }
 
@@ -193,7 +248,7 @@ impl Fit {
 }
 
 /// The change that cures the whole test, one of its files, or half of a file.
-fn cure_of_test(
+pub(super) fn cure_of_test(
     calibration: &Calibration,
     tested: &Dataset,
     limit: &PerAxis<f64>,
@@ -227,32 +282,6 @@ fn cure_of_test(
 }
 
 impl TestRatio {
-    fn new(axis: Axis, groups: &[GroupErrors], promise: f64) -> Option<Self> {
-        let at = axis.index();
-        let of = |group: &GroupErrors| {
-            let rms = group.errors[at].quality()?.rms;
-            Some((group.rows as f64, rms * rms))
-        };
-        let squares: Vec<(f64, f64)> = groups.iter().filter_map(of).collect();
-        let rows: f64 = squares.iter().map(|(rows, _)| rows).sum();
-        let mean = squares.iter().map(|(rows, square)| rows * square).sum::<f64>() / rows;
-        let ratio = mean.sqrt() / promise;
-        let logs: Vec<f64> =
-            squares.iter().filter(|(_, of)| *of > 0.0).map(|(_, of)| of.ln()).collect();
-        let n = logs.len() as f64;
-        let half = match logs.len() {
-            0 | 1 => f64::INFINITY,
-            _ => {
-                let centre = logs.iter().sum::<f64>() / n;
-                let variance = logs.iter().map(|of| (of - centre).powi(2)).sum::<f64>() / (n - 1.0);
-                // Halved, because the logarithm of a root is half that of the square.
-                0.5 * student_quantile(COVERAGE_LEVEL, n - 1.0) * (variance / n).sqrt()
-            }
-        };
-        let interval = [ratio * (-half).exp(), ratio * half.exp()];
-        ratio.is_finite().then_some(Self { axis, ratio, interval })
-    }
-
     /// Describes an error that is too large, with `outside` of all rows out of the calibrated range.
     fn words(&self, [outside, rows]: [u64; 2]) -> String {
         let [low, high] = self.interval.map(|bound| significant(bound, 2));
@@ -270,13 +299,20 @@ impl TestRatio {
         text
     }
 
-    /// Returns true if the error is certainly too large. The limit for a single group, with its infinite interval, is
-    /// `most` squared.
-    fn fails(&self, most: f64) -> bool {
-        match self.interval[1].is_finite() {
-            true => self.interval[0] > most,
-            false => self.ratio > most * most,
-        }
+    fn fails(&self) -> bool {
+        self.interval[0] > self.most
+    }
+
+    /// Reason why the test says nothing: the error is too large, but the test is too small to be certain.
+    pub fn doubt(&self) -> Option<String> {
+        let pose = if self.groups == 1 { "pose is" } else { "poses are" };
+        (self.ratio > self.most && !self.fails()).then(|| {
+            format!(
+                "{} independent test {pose} too few to tell; {}",
+                self.groups,
+                self.words([0, 0])
+            )
+        })
     }
 }
 

@@ -31,6 +31,7 @@ mod contradictions;
 mod cures;
 mod evaluation;
 mod examination;
+mod files;
 mod held_out;
 mod means;
 mod options;
@@ -51,6 +52,7 @@ pub use self::evaluation::{
     paired_errors,
 };
 pub use self::examination::{Examination, Fault, FaultPlace, Promise, TestRatio};
+pub use self::files::contradicting_sums;
 pub use self::held_out::HeldOutModels;
 pub use self::options::{CovarianceRule, FitOptions, GroupsAsked, ModelRule, OutlierRule};
 pub use self::outcome::Outcome;

@@ -18,7 +18,9 @@ use least_squares::quality::{in_units, significant};
 use least_squares::reading_ranges::ReadingRanges;
 use least_squares::sums::GroupedSums;
 use least_squares::validation::comparison::Comparison;
-use least_squares::validation::cross_validation::{CrossValidation, HeldOutQuality, assign_groups};
+use least_squares::validation::cross_validation::{
+    CrossValidation, FoldErrors, HeldOutQuality, assign_groups,
+};
 use least_squares::validation::grouped::SumsByGroup;
 use least_squares::validation::selection;
 use sensor_physics::{
@@ -48,9 +50,15 @@ pub struct PhysicsFit {
 }
 
 impl PhysicsFit {
-    pub(super) fn cross_validation(&self) -> Option<CrossValidation> {
+    /// Held-out errors, with the labels of the groups in the order of their numbers.
+    pub(super) fn cross_validation(&self, labels: &[String]) -> Option<CrossValidation> {
         let validation = self.validation.as_ref()?;
         let total = validation.total();
+        let by_fold = validation.folds.iter().zip(validation.by_fold());
+        let by_fold = by_fold.map(|(groups, errors)| FoldErrors {
+            labels: groups.iter().map(|of| labels[of.group as usize].clone()).collect(),
+            errors,
+        });
         Some(CrossValidation {
             groups: self.groups,
             folds: validation.folds.len(),
@@ -59,7 +67,7 @@ impl PhysicsFit {
             grouped: total.map(HeldOutQuality::from),
             random_folds: 0,
             random: None,
-            by_fold: validation.by_fold(),
+            by_fold: by_fold.collect(),
         })
     }
 }
@@ -109,7 +117,7 @@ pub(super) fn fit(input: FitInput<'_>, tried: Option<TriedPhysics>) -> Result<Fi
         validation,
     };
     let choice = ModelChoice {
-        cross_validation: physics.cross_validation(),
+        cross_validation: physics.cross_validation(&labels),
         ..options.open(Some(group_by))
     };
     let (how, found_groups) = (FitMethod::Physics(Box::new(physics)), group_by.found());

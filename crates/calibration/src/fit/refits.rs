@@ -118,12 +118,10 @@ pub(super) fn cross_validate(
         Some(known) => known.into_iter().map(Ok).collect(),
         None => problem.errors_without_each(&rows.regrouped(&fold_of), folds, workers)?,
     };
-    let of_groups = labels.into_iter().zip(&fold_of);
-    let undetermined = of_groups.filter(|(_, fold)| errors[**fold].is_err());
-    let undetermined = undetermined.map(|(label, _)| label).collect();
-    let on_folds = errors.into_iter().map(|errors| (Vec::new(), errors));
+    let mut labels_of = vec![Vec::new(); folds];
+    labels.into_iter().zip(&fold_of).for_each(|(label, fold)| labels_of[*fold].push(label));
+    let on_folds = labels_of.into_iter().zip(errors);
     let found = CrossValidation::from_folds((groups, rows.row_count() as u64), on_folds)?;
-    let found = CrossValidation { undetermined, ..found };
     if data.memory_terms() > 0 {
         return Ok(found);
     }

@@ -164,15 +164,16 @@ pub(super) fn test_words(
             "NOT OK: {:.0} % of it was recorded at poses of the training data: test on other poses",
             100.0 * share
         ),
-        (None, None) => format!("OK: {rows} rows"),
+        (None, None) => match ratio.and_then(TestRatio::doubt) {
+            Some(doubt) => format!("NOT KNOWN: {doubt}"),
+            None => format!("OK: {rows} rows"),
+        },
     };
     if let Some(of) = ratio.filter(|_| said.starts_with("OK")) {
         let [low, high] = of.interval.map(|bound| significant(bound, 2));
         let ratio = significant(of.ratio, 2);
         said += &format!(", {} errs {ratio} times the error on the left", of.axis.name());
-        if of.interval[1].is_finite() {
-            said += &format!(" (95 %: {low} to {high})");
-        }
+        said += &format!(" (95 %: {low} to {high})");
     }
     if outside > 0 {
         said += &format!("; {outside} of {rows} rows out of range");

@@ -4,7 +4,7 @@ use super::evaluation::Evaluation;
 use super::examination::{Examination, Promise};
 use super::parts::spread;
 use super::screen::{Screen, axis_row, test_words};
-use super::verdict::{FrameInterval, next_words, usable_words, useless_axes};
+use super::verdict::{FrameInterval, USABLE, next_words, useless_axes, useless_words};
 use crate::conversion::Calibration;
 use crate::dynamics::Dynamics;
 use crate::validation::excitation::{Excitation, Gap};
@@ -29,15 +29,23 @@ pub struct TestedCalibration<'a> {
 
 impl TestedCalibration<'_> {
     pub fn is_ok(&self) -> bool {
-        self.fitted_to.is_none() && self.promise.is_some() && self.reasons().is_empty()
+        self.unknown().is_none() && self.reasons().is_empty()
+    }
+
+    /// Reason why the test leaves the error on new loads unknown.
+    fn unknown(&self) -> Option<String> {
+        match (&self.fitted_to, &self.promise) {
+            (Some(log), _) => Some(format!("`{log}` was used for the fit")),
+            (None, None) => Some("the calibration file promises none to compare with".to_owned()),
+            (None, Some(_)) => self.examination.test.as_ref()?.doubt(),
+        }
     }
 
     /// Reasons not to use the calibration, most important first.
     pub fn reasons(&self) -> Vec<String> {
         let faults = self.examination.faults.iter();
         let faults = faults.map(|fault| format!(" on the test: {}", fault.text));
-        let is_useless = self.useless() == self.calibration.axes;
-        let useless = is_useless.then(|| ": its errors are about as large as the loads".to_owned());
+        let useless = useless_words(self.useless()).map(|words| format!(": {words}"));
         faults.chain(useless).collect()
     }
 
@@ -50,12 +58,10 @@ impl TestedCalibration<'_> {
         if let Some(reason) = self.reasons().first() {
             return format!("NOT OK{reason}");
         }
-        let unknown = match (&self.fitted_to, &self.promise) {
-            (Some(log), _) => format!("`{log}` was used for the fit"),
-            (None, None) => "the calibration file promises none to compare with".to_owned(),
-            (None, Some(_)) => return usable_words(self.useless()),
-        };
-        format!("NOT KNOWN: the error on new loads, {unknown}")
+        match self.unknown() {
+            Some(reason) => format!("NOT KNOWN: the error on new loads, {reason}"),
+            None => USABLE.to_owned(),
+        }
     }
 
     pub fn screen(&self) -> Screen {

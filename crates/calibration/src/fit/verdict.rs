@@ -7,8 +7,10 @@ use crate::validation::excitation::{Excitation, Gap};
 use sensor_physics::COVERAGE_LEVEL;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// An axis is useless if its error is a larger share of its loads, both as root mean squares.
+/// An axis is useless if its error is a larger share of its loads, both as root mean squares, or of their range, of which
+/// an even spread has a standard deviation of 0.29.
 const USELESS: f64 = 0.5;
+const USELESS_OF_RANGE: f64 = 0.25;
 
 /// Number of rows whose standard errors are averaged for the width of the interval.
 const ROWS_OF_INTERVAL: u64 = 1024;
@@ -79,7 +81,12 @@ impl Fit {
 impl Verdict<'_> {
     /// Returns true if errors on unseen rows are known and every check has passed.
     pub fn is_ok(&self) -> bool {
-        self.unseen.is_some() && self.reasons().is_empty()
+        self.unseen.is_some() && self.doubt().is_none() && self.reasons().is_empty()
+    }
+
+    /// Reason why the test leaves the error on new loads unknown.
+    fn doubt(&self) -> Option<String> {
+        self.fit.examination.as_ref()?.test.as_ref()?.doubt()
     }
 
     pub fn examination(&self) -> Option<&Examination> {
@@ -117,9 +124,8 @@ impl Verdict<'_> {
                 100.0 * share
             )
         });
-        let is_useless = self.useless == self.axes;
-        let useless = is_useless.then(|| "its errors are about as large as the loads".to_owned());
-        leak.into_iter().chain(useless).collect()
+        let wide = self.interval.as_ref().ok().and_then(|of| of.words_if_wide(self));
+        leak.into_iter().chain(useless_words(self.useless)).chain(wide).collect()
     }
 
     fn is_tested_only(&self) -> bool {
@@ -143,7 +149,10 @@ impl Verdict<'_> {
             };
             return format!("NOT KNOWN: the error on new loads, {reason}");
         }
-        let mut said = usable_words(self.useless);
+        if let Some(doubt) = self.doubt() {
+            return format!("NOT KNOWN: the error on new loads, {doubt}");
+        }
+        let mut said = USABLE.to_owned();
         let unloaded = |gap: &Gap| if let Gap::Unloaded(axis) = gap { Some(*axis) } else { None };
         let unloaded: Axes = self.gaps.iter().filter_map(unloaded).collect();
         if !unloaded.is_empty() {
@@ -164,6 +173,20 @@ impl Verdict<'_> {
             }
         };
         next_words(self.gaps.first(), known).unwrap_or_else(judge)
+    }
+}
+
+impl FrameInterval {
+    /// Describes intervals that are as wide as the range of the loads.
+    fn words_if_wide(&self, verdict: &Verdict<'_>) -> Option<String> {
+        let loads = verdict.fit.excitation.as_ref()?.axes;
+        let is_wide = |axis: &Axis| {
+            let (half, of) = (self.half_width[axis.index()], loads[axis.index()]);
+            of.max > of.min && 2.0 * half >= of.max - of.min
+        };
+        let wide: Axes = verdict.axes.without(verdict.useless).iter().filter(is_wide).collect();
+        (!wide.is_empty())
+            .then(|| format!("the 95 % interval of {wide} is as wide as the range of its loads"))
     }
 }
 
@@ -188,12 +211,13 @@ impl UnseenRows {
     }
 }
 
-pub(super) fn usable_words(useless: Axes) -> String {
-    let mut said = "OK: use it within the calibrated range".to_owned();
-    if !useless.is_empty() {
-        said += &format!("; not for {useless}, where the error is about as large as the loads");
-    }
-    said
+pub(super) const USABLE: &str = "OK: use it within the calibrated range";
+
+/// Reason not to use a calibration with these axes.
+pub(super) fn useless_words(useless: Axes) -> Option<String> {
+    (!useless.is_empty()).then(|| {
+        format!("the error of {useless} is about as large as the loads: check its column, or load it more")
+    })
 }
 
 /// The axes whose error is about as large as the training loads.
@@ -203,8 +227,10 @@ pub(super) fn useless_axes(
     excitation: Option<&Excitation>,
 ) -> Axes {
     let is_useless = |axis: &Axis| {
-        let load = excitation.map_or(0.0, |of| of.axes[axis.index()].rms);
-        load > 0.0 && errors[axis.index()] > USELESS * load
+        excitation.map(|of| of.axes[axis.index()]).is_some_and(|of| {
+            let range = of.max - of.min;
+            range > 0.0 && errors[axis.index()] > (USELESS * of.rms).min(USELESS_OF_RANGE * range)
+        })
     };
     axes.iter().filter(is_useless).collect()
 }

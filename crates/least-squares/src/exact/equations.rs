@@ -98,6 +98,12 @@ impl ExactSums {
         self.total_square(axis.index()) / self.rows as f64
     }
 
+    /// N² or (N·m)²; NaN over zero rows.
+    pub fn mean_square(&self, axis: usize) -> f64 {
+        let square = &self.squares[pair(axis, axis)];
+        round_scaled(&square.values[0], square.exponent).to_f64() / self.rows as f64
+    }
+
     /// Sum of squared deviations from the mean.
     pub fn total_square(&self, axis: usize) -> f64 {
         let square = &self.squares[pair(axis, axis)];

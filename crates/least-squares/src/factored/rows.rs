@@ -169,6 +169,12 @@ impl FactoredRows {
     }
 
     /// Squares of N and N·m.
+    pub fn mean_squares(&self) -> PerAxis<f64> {
+        let nothing = Mat::zeros(self.features.len(), Axis::ALL.len());
+        self.errors_of(nothing.as_ref()).map(|of| of.rms().powi(2))
+    }
+
+    /// Squares of N and N·m.
     pub fn load_variances(&self) -> PerAxis<f64> {
         let (p, rows) = (self.features.len(), self.rows().max(1) as f64);
         let nothing = Mat::zeros(p, Axis::ALL.len());

@@ -36,5 +36,5 @@ pub(crate) use self::group_intervals::GroupScore;
 pub use self::group_intervals::{GroupIntervals, LEVELS, Scores, TooFewGroups};
 pub use self::interval::{ErrorShape, HIGHEST_LEVEL, NoIntervals};
 pub(crate) use self::new_groups::score_of;
-pub use self::quantile::student_quantile;
+pub use self::quantile::{fisher_quantile, student_quantile};
 pub use crate::symmetric::TriangularColumns;

@@ -1,6 +1,6 @@
-//! Two-sided quantiles of the normal distribution and of Student's t.
+//! Two-sided quantiles of the normal distribution and of Student's t, and quantiles of Fisher's F.
 
-use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
+use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor, Normal, StudentsT};
 
 /// The size below which a fraction `level` of standard normal magnitudes lies.
 pub(super) fn normal_quantile(level: f64) -> f64 {
@@ -22,9 +22,43 @@ pub fn student_quantile(level: f64, degrees_of_freedom: f64) -> f64 {
     t.inverse_cdf(0.5 + level / 2.0)
 }
 
+/// The value below which a fraction `level` of the ratios of two mean squares lies, with these degrees of freedom of
+/// the numerator and of the denominator, one or more each. Infinity is possible for the denominator.
+pub fn fisher_quantile(level: f64, numerator: f64, denominator: f64) -> f64 {
+    /// From this number on, the denominator's mean square is taken for the variance.
+    const MANY: f64 = 1e5;
+    let numerator = numerator.clamp(1.0, MANY);
+    if denominator >= MANY {
+        let squares = ChiSquared::new(numerator).expect("one degree or more");
+        return squares.inverse_cdf(level) / numerator;
+    }
+    let ratios = FisherSnedecor::new(numerator, denominator.max(1.0));
+    ratios.expect("one degree or more each").inverse_cdf(level)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn ratios_of_mean_squares_have_the_quantiles_of_the_tables() {
+        // Abramowitz & Stegun, table 26.9; four digits.
+        for ((numerator, denominator), expected) in [
+            ((1.0, 4.0), 12.22),
+            ((3.0, 10.0), 4.826),
+            ((10.0, 3.0), 14.42),
+            ((40.0, 60.0), 1.744),
+            ((3.0, f64::INFINITY), 3.116),
+            ((60.0, f64::INFINITY), 1.388),
+        ] {
+            let found = fisher_quantile(0.975, numerator, denominator);
+            assert!((found / expected - 1.0).abs() < 1e-3, "{numerator} {denominator}: {found}");
+        }
+        for numerator in [1.0, 7.0, 300.0, 1e7] {
+            let [below, above] = [0.99999e5, 1e5].map(|of| fisher_quantile(0.975, numerator, of));
+            assert!((below / above - 1.0).abs() < 1e-2, "{numerator}: {below} {above}");
+        }
+    }
 
     #[test]
     fn quantiles_equal_those_of_the_tables() {

@@ -25,6 +25,14 @@ impl From<HeldOutErrors> for HeldOutQuality {
     }
 }
 
+/// Errors on the groups of a fold, by a fit without it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FoldErrors {
+    /// Labels of its groups.
+    pub labels: Vec<String>,
+    pub errors: PerAxis<HeldOutErrors>,
+}
+
 /// Errors over all held-out rows, each counted once.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct CrossValidation {
@@ -43,7 +51,7 @@ pub struct CrossValidation {
     pub random: Option<PerAxis<HeldOutQuality>>,
     /// Not stored in documents.
     #[serde(skip)]
-    pub by_fold: Vec<PerAxis<HeldOutErrors>>,
+    pub by_fold: Vec<FoldErrors>,
 }
 
 impl CrossValidation {
@@ -59,14 +67,14 @@ impl CrossValidation {
         let (mut known, mut undetermined, mut reason) = (Vec::new(), Vec::new(), None);
         for (labels, errors) in folds {
             match errors {
-                Ok(errors) => known.push(errors),
+                Ok(errors) => known.push(FoldErrors { labels, errors }),
                 Err(error) => {
                     undetermined.extend(labels);
                     reason = Some(error);
                 }
             }
         }
-        let total = HeldOutErrors::total(&known);
+        let total = HeldOutErrors::total(known.iter().map(|fold| &fold.errors));
         match reason.filter(|_| total[0].rows == 0) {
             Some(reason) => Err(reason),
             None => Ok(Self {
@@ -106,8 +114,8 @@ impl CrossValidation {
         }
         let t = student_quantile(COVERAGE_LEVEL, n - 1.0);
         Some(std::array::from_fn(|axis| {
-            let squares: Vec<f64> =
-                self.by_fold.iter().map(|fold| fold[axis].rms().powi(2)).collect();
+            let square = |fold: &FoldErrors| fold.errors[axis].rms().powi(2);
+            let squares: Vec<f64> = self.by_fold.iter().map(square).collect();
             let mean = squares.iter().sum::<f64>() / n;
             let scatter = squares.iter().map(|of| (of - mean).powi(2)).sum::<f64>() / (n - 1.0);
             let above = t * (scatter * (1.0 + 1.0 / n)).sqrt();

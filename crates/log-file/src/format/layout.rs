@@ -669,12 +669,20 @@ fn separated_header(
     if mapping.sensors.is_none() && mapping.wrench.is_none() && mapping.time.is_none() {
         let rows = header.form.separated(&head[rows_start..], separator);
         let first = lines(&rows, 0, 1).next().map(|line| fields(line.text, separator));
-        let time = first.iter().flatten().position(|field| is_since_1970(field));
-        let time = time.map_or(1, |at| at + 1);
+        let since_1970 = first.iter().flatten().position(|field| is_since_1970(field));
+        let firsts = lines(&rows, 0, 1).take(ROWS_OF_CLOCK);
+        let number = |field: &Vec<u8>| std::str::from_utf8(field).ok()?.trim().parse().ok();
+        let firsts =
+            firsts.filter_map(|line| fields(line.text, separator).first().and_then(number));
+        let runs_on = firsts.collect::<Vec<f64>>().is_sorted();
+        let time = since_1970.or(runs_on.then_some(0)).map(|at| at + 1);
         return Err(source.error_at(rows_line, PlacedProblem::UnknownLayout { columns, time }));
     }
     Ok(Header { names: numbered(1, columns), ..header })
 }
+
+/// First rows whose first column has to rise if it is a time.
+const ROWS_OF_CLOCK: usize = 20;
 
 /// Recognises the head of most logs: known column names, then rows with as many fields.
 fn usual_head(

@@ -3,12 +3,14 @@
 use calibration::fit::{Better, PairedErrors, Workers, paired_errors};
 use calibration::quality::significant;
 use calibration_file::CalibrationFile;
-use log_file::{Log, Wanted, read_logs};
+use log_file::{Log, ReadOptions, Wanted, read_logs};
+use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, Axis};
 use shellcal::workflow::check_channels;
 use shellcal::workflow::gates::Gate;
 use shellcal::workflow::remark::found_groups;
 
+use super::eval::is_trained_on;
 use super::mapping::MappingArgs;
 use crate::files::InputPath;
 use crate::printer::{Outcome, Printer, TableColumn};
@@ -50,7 +52,15 @@ impl ComparedCalibrations<'_> {
             time: by_time || !has_groups && logs.len() == 1 && logs[0].has_time(),
             ..Wanted::default()
         };
-        let data = read_logs(&logs, &wanted, &mapping.read_options())?;
+        let read = ReadOptions { checksum: true, ..mapping.read_options() };
+        let data = read_logs(&logs, &wanted, &read)?;
+        let trained_on = self.trained_on(&data);
+        for (path, log) in &trained_on {
+            printer.warning(format!(
+                "`{log}` was used for the fit of `{path}`, which errs less there than on new loads: \
+                 compare on other logs"
+            ));
+        }
         let workers = Workers::new(mapping.threads.map_or(0, usize::from));
         let mut gate = Gate::default();
         for log in &data.logs {
@@ -70,11 +80,28 @@ impl ComparedCalibrations<'_> {
         if let Some(groups) = found.group_by.found() {
             printer.remarks([found_groups(groups)]);
         }
-        self.report(&found, axes, printer)?;
+        self.report(&found, axes, &trained_on, printer)?;
         Ok(outcome)
     }
 
-    fn report(&self, found: &PairedErrors, axes: Axes, printer: &Printer) -> anyhow::Result<()> {
+    /// Each log that a calibration was fitted to, after the path of the calibration.
+    fn trained_on(&self, data: &Dataset) -> Vec<(String, String)> {
+        let of = |(path, file): (&InputPath, &CalibrationFile)| {
+            let path = path.display().to_string();
+            let sources = file.origin.sources.clone();
+            let logs = data.logs.iter().filter(move |log| is_trained_on(log, &sources));
+            logs.map(move |log| (path.clone(), log.name.display().to_string()))
+        };
+        of(self.first).chain(of(self.second)).collect()
+    }
+
+    fn report(
+        &self,
+        found: &PairedErrors,
+        axes: Axes,
+        trained_on: &[(String, String)],
+        printer: &Printer,
+    ) -> anyhow::Result<()> {
         if printer.json() {
             let compared = axes.iter().map(|axis| {
                 let of = &found.axes[axis.index()];
@@ -94,6 +121,8 @@ impl ComparedCalibrations<'_> {
             return printer.document(&document! {
                 found.{rows, groups},
                 axes: compared.collect::<Vec<_>>(),
+                // Pairs of a calibration and a log that it was fitted to.
+                trained_on,
             });
         }
         printer.line(format!(

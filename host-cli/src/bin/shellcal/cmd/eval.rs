@@ -10,10 +10,10 @@ use calibration::quality::{AxisQuality, significant};
 use calibration_file::{CalibrationFile, Diagnostics, Role, SourceFile};
 use clap::builder::TypedValueParser;
 use figures::{FitPlot, fit_figure};
-use log_file::{Log, ReadOptions, Wanted, read_dataset};
+use log_file::{Log, ReadOptions, Wanted, read_dataset, sample_logs};
 use report::add_to_plot;
 use serde::Serialize;
-use shell_data::dataset::{Dataset, LabelledBlock, RowSet};
+use shell_data::dataset::{Dataset, LabelledBlock, LogRows, RowSet};
 use shell_data::wrench::{Axes, Axis, PerAxis};
 use shellcal::workflow::check_channels;
 use shellcal::workflow::convert::interval_factors;
@@ -124,12 +124,15 @@ impl EvalArgs {
         for (log, measured) in logs.iter().zip(measured) {
             check_channels(log, calibration.channels())?;
             let time = calibration.needs_time() || log.has_time() && calibration.lag.is_some();
-            let wanted = Wanted { readings: true, wrench: true, time, ..Wanted::default() };
+            let groups = log.has_groups();
+            let wanted = Wanted { readings: true, wrench: true, groups, time, ..Wanted::default() };
             let read = ReadOptions { checksum: true, ..self.mapping.read_options() };
-            let rows = printer.scan(log, read, |read| read_dataset(&[(log, wanted)], &read))?;
+            let asked = [(log, wanted.clone())];
+            let mut rows = printer.scan(log, read, |read| read_dataset(&asked, &read))?;
+            sample_logs(&mut rows, [log], &wanted)?;
             let rows = calibration.prepared(&rows)?;
             let rows = rows.select(self.fresh, &RowSet::default());
-            if is_trained_on(&rows, &sources) {
+            if rows.logs.iter().any(|log| is_trained_on(log, &sources)) {
                 let name = log.path().display().to_string();
                 printer.warning(format!(
                     "`{name}` was used for the fit: its errors are those of training, not of new loads"
@@ -210,13 +213,11 @@ impl EvalArgs {
     }
 }
 
-fn is_trained_on(rows: &Dataset, sources: &[SourceFile]) -> bool {
-    let checksums = || rows.logs.iter().filter_map(|log| log.summary.checksum.as_ref());
-    let is_of = |source: &SourceFile| {
-        source.role == Role::Train
-            && checksums().any(|found| source.checksum.as_ref() == Some(found))
-    };
-    sources.iter().any(is_of)
+pub(super) fn is_trained_on(log: &LogRows, sources: &[SourceFile]) -> bool {
+    let checksum = log.summary.checksum.as_ref();
+    sources.iter().any(|source| {
+        source.role == Role::Train && checksum.is_some() && source.checksum.as_ref() == checksum
+    })
 }
 
 /// Notes axes that are not compared; requested axes fail later.

@@ -3,7 +3,9 @@
 use std::io;
 
 use anyhow::Context;
-use calibration::fit::{CovarianceRule, Fit, FitOptions, HeldOut, ModelRule, RANDOM_FOLDS};
+use calibration::fit::{
+    CovarianceRule, Fit, FitOptions, HeldOut, ModelRule, RANDOM_FOLDS, contradicting_sums,
+};
 use calibration::quality::significant;
 use calibration_file::{CalibrationFile, CalibrationFileError, PartialFit, Sums};
 use shell_data::by_axis::Among;
@@ -69,10 +71,15 @@ fn parse_folds(text: &str) -> Result<HeldOut, &'static str> {
     }
 }
 
+/// Partial fits whose sums are kept, to compare them with each other; any number is merged in flat memory.
+const MOST_COMPARED: usize = 100;
+
 struct Merged {
     sum: PartialFit,
     read: usize,
     skipped: usize,
+    /// Partial fits that contradict the others, in words.
+    contradictions: Vec<String>,
 }
 
 impl MergeArgs {
@@ -117,6 +124,7 @@ impl MergeArgs {
 
     fn merged(&self, printer: &Printer) -> anyhow::Result<Merged> {
         let (mut sum, mut read, mut skipped) = (None::<PartialFit>, 0, 0);
+        let mut parts: Vec<(String, Sums)> = Vec::new();
         let partials = self.partials.iter();
         for (path, partial) in partials.flat_map(|path| self.read(path).map(move |of| (path, of))) {
             let partial = partial?;
@@ -125,6 +133,7 @@ impl MergeArgs {
                 true => format!("`-`, partial fit {read}"),
                 false => format!("`{}`", path.display()),
             };
+            let part = (name.clone(), partial.sums.clone());
             match &mut sum {
                 None => sum = Some(partial),
                 Some(sum) if self.skip_counted && sum.has_counted_all_of(&partial) => {
@@ -132,8 +141,12 @@ impl MergeArgs {
                     let files =
                         quoted(partial.sources.iter().map(|file| file.path.display()), ", ");
                     printer.note(format!("{name}: left out, {files} has been counted already"));
+                    continue;
                 }
                 Some(sum) => sum.merge(&partial).context(name)?,
+            }
+            if parts.len() < MOST_COMPARED {
+                parts.push(part);
             }
         }
         let mut sum = sum.context("no partial fits were given")?;
@@ -145,7 +158,17 @@ impl MergeArgs {
             anyhow::bail!("the partial fits are of the sensor `{serial}`: leave out `--serial`");
         }
         sum.sensor_serial = sum.sensor_serial.take().or_else(|| self.written.serial.clone());
-        Ok(Merged { sum, read, skipped })
+        // Errors of the merged fit are reported by the fit itself.
+        let found = contradicting_sums(&parts, (&sum.model, self.ridge), sum.axes);
+        let contradictions = found.unwrap_or_default();
+        if read - skipped > parts.len() {
+            let (compared, all) = (parts.len(), read - skipped);
+            printer.note(format!(
+                "compared only the first {compared} of {all} partial fits with each other"
+            ));
+        }
+        contradictions.iter().for_each(|of| printer.warning(of.clone()));
+        Ok(Merged { sum, read, skipped, contradictions })
     }
 
     fn warn(&self, fitted: &Fit, is_exact: bool, printer: &Printer) {
@@ -182,6 +205,7 @@ impl MergeArgs {
             return printer.document(&document! {
                 model: name,
                 partial_fits: merged.read,
+                contradictions: &merged.contradictions,
                 skipped_partial_fits?: (merged.skipped > 0).then_some(merged.skipped),
                 files, rows,
                 sum.{skipped_rows, repeated_rows},

@@ -48,7 +48,7 @@ pub(super) fn test_ratio(of: TestRatio) -> impl Serialize {
     document! {
         axis: of.axis.column(),
         of.{ratio},
-        interval_95: of.interval.map(|bound| bound.is_finite().then_some(bound)),
+        interval_95: of.interval,
     }
 }
 

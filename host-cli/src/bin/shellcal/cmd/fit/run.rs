@@ -136,7 +136,7 @@ impl FitArgs {
             None => (FitData::read(train, test, asked, &read)?, None),
             Some(table) => {
                 let (mut data, hung) = HungReference::read(train, table, &read)?;
-                data.read_tests(test, asked, &read)?;
+                data.read_tests(test, &options, &read)?;
                 (data, Some(hung))
             }
         };

@@ -4,6 +4,7 @@ pub(in crate::cmd) mod load;
 
 use calibration::quality::fixed;
 use calibration::scaling::Scaling;
+use calibration::validation::excitation::LONGEST_LEVER_M;
 use calibration::{Basis, Calibration, Model};
 use calibration_file::payload_file::{PayloadFile, PayloadSource};
 use clap::Subcommand;
@@ -136,6 +137,12 @@ fn say(printer: &Printer, found: &FittedPayload) {
         printer.warning(format!(
             "most of the forces do not follow gravity: {:.4} N (RMS) of a weight of {weight_n:.4} N are left over",
             forces.rms
+        ));
+    }
+    let lever_m = fit.payload.centre_m.iter().map(|of| of * of).sum::<f64>().sqrt();
+    if lever_m > LONGEST_LEVER_M {
+        printer.warning(format!(
+            "the centre of mass is {lever_m:.1} m away: moments are probably in mN·m; use `--moment-unit mnm`"
         ));
     }
     if let Some(doubt) = &found.moment_doubt {
