@@ -69,7 +69,8 @@ const MOST_OUTLIERS: f64 = 0.02;
 const EXPLAINED: f64 = 0.6;
 const SUDDEN: f64 = 0.6;
 
-/// Least drift of the zero over a log, in root mean square errors: a drift alone has 3.5 of them.
+/// Least jump, and least drift, of the zero, in root mean square errors: a jump alone has 2 of them, a drift 3.5.
+const JUMP: f64 = 1.5;
 const DRIFT: f64 = 2.0;
 
 pub(super) fn find(fit: &Fit, workers: Workers<'_>) -> Result<Vec<String>, FitError> {
@@ -205,6 +206,9 @@ fn moving_zero(fit: &Fit) -> Option<String> {
         };
         let jumps = fit.calibration.axes.iter();
         let jumps = jumps.filter_map(|axis| Some((axis, jump(&column(axis))?)));
+        let is_large =
+            |(axis, jump): &(Axis, Jump)| jump.size.abs() > JUMP * fit.train[axis.index()].rms;
+        let jumps = jumps.filter(is_large);
         let largest = jumps.max_by(|a, b| a.1.explained.total_cmp(&b.1.explained));
         let drifts = fit.calibration.axes.iter().filter_map(|axis| {
             let (size, explained) = drift(&column(axis))?;
