@@ -55,6 +55,9 @@ const MOST_POSES: usize = 1000;
 const MEANS: usize = 240;
 const BESIDE: usize = 12;
 
+/// Least number of independent means, apart from the jump.
+const INDEPENDENT: f64 = 24.0;
+
 /// A log with more rows uses every second, third, … block for residuals.
 const MOST_ROWS: u64 = 100_000;
 
@@ -66,7 +69,8 @@ const MOST_OUTLIERS: f64 = 0.02;
 const EXPLAINED: f64 = 0.6;
 const SUDDEN: f64 = 0.6;
 
-/// Least drift of the zero over a log, in root mean square errors: a drift alone has 3.5 of them.
+/// Least jump, and least drift, of the zero, in root mean square errors: a jump alone has 2 of them, a drift 3.5.
+const JUMP: f64 = 1.5;
 const DRIFT: f64 = 2.0;
 
 pub(super) fn find(fit: &Fit, workers: Workers<'_>) -> Result<Vec<String>, FitError> {
@@ -202,6 +206,9 @@ fn moving_zero(fit: &Fit) -> Option<String> {
         };
         let jumps = fit.calibration.axes.iter();
         let jumps = jumps.filter_map(|axis| Some((axis, jump(&column(axis))?)));
+        let is_large =
+            |(axis, jump): &(Axis, Jump)| jump.size.abs() > JUMP * fit.train[axis.index()].rms;
+        let jumps = jumps.filter(is_large);
         let largest = jumps.max_by(|a, b| a.1.explained.total_cmp(&b.1.explained));
         let drifts = fit.calibration.axes.iter().filter_map(|axis| {
             let (size, explained) = drift(&column(axis))?;
@@ -257,7 +264,21 @@ fn drift(column: &[f64]) -> Option<(f64, f64)> {
     let squares = (n * n - 1) as f64 * n as f64 / 12.0;
     let slope = products.sum::<f64>() / squares;
     let explained = slope * slope * squares / all.squares;
-    (explained > EXPLAINED).then_some((slope * (n - 1) as f64, explained))
+    let rest = column.iter().enumerate().map(|(at, value)| value - slope * at as f64);
+    let is_drift = explained > EXPLAINED && independent(&rest.collect::<Vec<f64>>()) > INDEPENDENT;
+    is_drift.then_some((slope * (n - 1) as f64, explained))
+}
+
+/// Number of independent values that are worth as much as these, by the correlation of neighbours: rows of a pose that
+/// is not labelled share their error.
+fn independent(column: &[f64]) -> f64 {
+    let all = RunningVariance::new(column);
+    if all.squares <= 0.0 {
+        return column.len() as f64;
+    }
+    let products = column.windows(2).map(|pair| (pair[0] - all.mean) * (pair[1] - all.mean));
+    let correlation = (products.sum::<f64>() / all.squares).clamp(0.0, 1.0);
+    column.len() as f64 * (1.0 - correlation) / (1.0 + correlation)
 }
 
 /// Jump of a column, if it explains most of it and is sudden.
@@ -283,7 +304,11 @@ fn jump(column: &[f64]) -> Option<Jump> {
     let mean = |part: &[f64]| RunningVariance::new(part).mean;
     let [before, after] = [found.at - BESIDE..found.at, found.at..found.at + BESIDE]
         .map(|part| mean(&column[part.start.min(n)..part.end.min(n)]));
-    ((after - before).abs() > SUDDEN * found.size.abs()).then_some(found)
+    let rest = column.iter().enumerate();
+    let rest = rest.map(|(at, value)| if at < found.at { *value } else { value - found.size });
+    let is_jump = (after - before).abs() > SUDDEN * found.size.abs()
+        && independent(&rest.collect::<Vec<f64>>()) > INDEPENDENT;
+    is_jump.then_some(found)
 }
 
 /// The pose and axis with the largest error relative to the other poses, if it is far larger.
