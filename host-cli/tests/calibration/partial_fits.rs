@@ -406,7 +406,8 @@ fn a_partial_fit_that_contradicts_the_others_is_named() {
     };
     assert!(!merged("3.csv").contains("times as much as the other partial fits"));
     let in_mm = |load: &mut String| *load = (1e3 * load.parse::<f64>().unwrap()).to_string();
-    let spoilings: [&dyn Fn(&mut Vec<String>); 2] =
+    type Spoiling<'a> = &'a dyn Fn(&mut Vec<String>);
+    let spoilings: [Spoiling<'_>; 2] =
         [&|wrench| wrench.swap(0, 1), &|wrench| wrench[3..].iter_mut().for_each(in_mm)];
     for change in spoilings {
         spoil(change);

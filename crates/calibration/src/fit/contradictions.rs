@@ -55,6 +55,9 @@ const MOST_POSES: usize = 1000;
 const MEANS: usize = 240;
 const BESIDE: usize = 12;
 
+/// Least number of rows of a mean that is no pose: single rows of a short file scatter too much.
+const ROWS_OF_MEAN: usize = 5;
+
 /// Least number of independent means, apart from the jump.
 const INDEPENDENT: f64 = 24.0;
 
@@ -173,7 +176,7 @@ fn moving_zero(fit: &Fit) -> Option<String> {
     let are_poses = found.is_some();
     for log in &found.as_ref().unwrap_or(&fit.used).logs {
         let blocks = (log.rows() / MOST_ROWS + 1) as usize;
-        let every = (log.rows() as usize / blocks).div_ceil(MEANS).max(1);
+        let every = (log.rows() as usize / blocks).div_ceil(MEANS).max(ROWS_OF_MEAN);
         let mut means: Vec<ResidualMean> = Vec::new();
         let (mut first, mut label) = (0, None);
         for (at, block) in log.blocks.iter().enumerate() {
