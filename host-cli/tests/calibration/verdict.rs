@@ -45,7 +45,10 @@ fn the_verdict_comes_first_and_limits_check_what_was_held_out() {
     assert!(lines.contains(&"files  nothing saved: give -o FILE"), "{text}");
     assert!(lines.len() <= 14 && lines.iter().all(|of| of.chars().count() <= 100), "{text}");
     let text = succeed(&dir, &fit);
-    assert!(text.starts_with("NOT KNOWN: the error on new loads, nothing was held out"), "{text}");
+    assert!(
+        text.starts_with("NOT KNOWN how large the error on new loads is: nothing was held out"),
+        "{text}"
+    );
     assert!(text.contains("no 95 % interval: nothing was held out"), "{text}");
     ended(&dir, &format!("{fit} --strict"), 1);
     ended(&dir, &format!("{fit} --cv --strict"), 0);
@@ -95,7 +98,7 @@ fn eval_has_the_screen_and_the_words_of_fit() {
     let (text, _) = ended(&dir, &format!("eval cal.json {train}"), 0);
     // A long path begins a line of its own.
     let said = text.replace('\n', " ");
-    assert!(said.starts_with("NOT KNOWN: the error on new loads, `"), "{text}");
+    assert!(said.starts_with("NOT KNOWN how large the error on new loads is: `"), "{text}");
     assert!(said.contains("was used for the fit"), "{text}");
 
     let swapped = fs::read_to_string(&test).unwrap().replacen("fx_n,fy_n", "fy_n,fx_n", 1);

@@ -293,7 +293,7 @@ impl TestRatio {
         if 2 * outside > rows {
             let share = 100.0 * outside as f64 / rows as f64;
             text += &format!(
-                "; {share:.0} % of its rows are out of the calibrated range of readings: was the sensor zeroed anew?"
+                "; {share:.0} % of the rows are out of the calibrated range of readings: was the sensor zeroed since then?"
             );
         }
         text

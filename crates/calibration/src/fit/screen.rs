@@ -172,7 +172,7 @@ pub(super) fn test_words(
     if let Some(of) = ratio.filter(|_| said.starts_with("OK")) {
         let [low, high] = of.interval.map(|bound| significant(bound, 2));
         let ratio = significant(of.ratio, 2);
-        said += &format!(", {} errs {ratio} times the error on the left", of.axis.name());
+        said += &format!(", {} errs {ratio} times as much as promised", of.axis.name());
         said += &format!(" (95 %: {low} to {high})");
     }
     if outside > 0 {

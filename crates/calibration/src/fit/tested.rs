@@ -4,7 +4,7 @@ use super::evaluation::Evaluation;
 use super::examination::{Examination, Promise};
 use super::parts::spread;
 use super::screen::{Screen, axis_row, test_words};
-use super::verdict::{FrameInterval, USABLE, next_words, useless_axes, useless_words};
+use super::verdict::{FrameInterval, USABLE, next_words, not_known, useless_axes, useless_words};
 use crate::conversion::Calibration;
 use crate::dynamics::Dynamics;
 use crate::validation::excitation::{Excitation, Gap};
@@ -59,7 +59,7 @@ impl TestedCalibration<'_> {
             return format!("NOT OK{reason}");
         }
         match self.unknown() {
-            Some(reason) => format!("NOT KNOWN: the error on new loads, {reason}"),
+            Some(reason) => not_known(&reason),
             None => USABLE.to_owned(),
         }
     }

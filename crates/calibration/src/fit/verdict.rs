@@ -1,5 +1,7 @@
 //! The verdict on a fit: its error on unseen data, the interval of a frame, and what to record next.
 
+use std::fmt;
+
 use super::examination::{Examination, Fault, FaultPlace};
 use super::{Fit, FitMethod};
 use crate::groups::GroupBy;
@@ -147,10 +149,10 @@ impl Verdict<'_> {
                 None => "nothing was held out (`--model auto` or `--cv` does)".to_owned(),
                 Some(reason) => reason.to_string(),
             };
-            return format!("NOT KNOWN: the error on new loads, {reason}");
+            return not_known(&reason);
         }
         if let Some(doubt) = self.doubt() {
-            return format!("NOT KNOWN: the error on new loads, {doubt}");
+            return not_known(&doubt);
         }
         let mut said = USABLE.to_owned();
         let unloaded = |gap: &Gap| if let Gap::Unloaded(axis) = gap { Some(*axis) } else { None };
@@ -212,6 +214,10 @@ impl UnseenRows {
 }
 
 pub(super) const USABLE: &str = "OK: use it within the calibrated range";
+
+pub(super) fn not_known(reason: &dyn fmt::Display) -> String {
+    format!("NOT KNOWN how large the error on new loads is: {reason}")
+}
 
 /// Reason not to use a calibration with these axes.
 pub(super) fn useless_words(useless: Axes) -> Option<String> {

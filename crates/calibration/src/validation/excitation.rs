@@ -70,9 +70,7 @@ pub enum Gap {
     Unloaded(Axis),
     /// Few loads in one direction.
     #[error(
-        "few loads towards {sign}{name} ({:.1} % of its sum of squares): record more, if the sensor will see \
-         them",
-        100.0 * share,
+        "few loads towards {sign}{name}: record more, if the sensor will see them",
         name = axis.name(),
         sign = if *positive { '+' } else { '−' }
     )]
