@@ -24,7 +24,7 @@ pub struct Calibration {
     /// Covariance of the errors and coefficients of a polynomial, if known.
     pub covariance: Option<Covariance>,
     pub valid_range: Option<Vec<ReadingRange>>,
-    /// Memory terms that must follow the readings.
+    /// Memory terms whose columns must follow those of the readings.
     pub memory: Option<MemoryTerms>,
     /// Lag of the training reference behind the readings. The fit removed it: forces refer to the reading's time.
     pub lag: Option<ReferenceLag>,
@@ -85,7 +85,7 @@ impl Calibration {
         self.memory.as_ref().is_some_and(|memory| memory.time_base == TimeBase::Seconds)
     }
 
-    /// Appends memory terms to the readings, and moves the wrench to their time, to compare it with conversions.
+    /// Appends memory terms to the readings, and moves the wrench to the time of the readings for comparisons.
     ///
     /// # Errors
     /// [`FitError::NoTime`] if the time constants are in seconds and a log has no time.
@@ -93,7 +93,7 @@ impl Calibration {
         prepared(data.clone(), self.memory.as_ref(), self.lag)
     }
 
-    /// Appends memory terms of zero to readings of the channels alone.
+    /// Appends memory terms of zero if `readings` has columns for the channels only.
     pub(super) fn with_terms<'a>(&self, readings: &'a [Vec<f64>]) -> Cow<'a, [Vec<f64>]> {
         let columns = self.columns();
         if readings.len() != self.channels() || readings.len() == columns {
@@ -120,7 +120,7 @@ impl Calibration {
         }
     }
 
-    /// Converts every row to an untared wrench, N and N·m, bit-identical on any machine and beside any rows.
+    /// Converts every row to an untared wrench, N and N·m, with the same bits on any machine, whatever the other rows.
     ///
     /// `readings`: one column per channel, in counts, then the [memory terms](Self::memory); without these the sensor
     /// is assumed to have been still. `wrench` is resized to the rows, with zeros on axes not in [`Self::axes`].
@@ -139,8 +139,8 @@ impl Calibration {
         }
     }
 
-    /// Flags, for every row, the channels whose reading is outside the training range, if known:
-    /// bit `i` for channel `i` from 0; all channels from 63 up share the last bit.
+    /// Flags, for every row, the channels whose reading is outside the training range; none if the range is unknown.
+    /// Bit `i` stands for channel `i`, counted from 0; all channels from 63 up share the last bit.
     pub fn out_of_range(&self, readings: &[Vec<f64>]) -> Vec<u64> {
         let mut flags = vec![0; readings.first().map_or(0, Vec::len)];
         for (channel, range) in self.valid_range.iter().flatten().enumerate() {
@@ -152,8 +152,8 @@ impl Calibration {
         flags
     }
 
-    /// Converter of the readings, by their training range or 12 bits; `full_scale` replaces its highest reading.
-    /// `None` if readings are not counts.
+    /// Analogue-to-digital converter, inferred from the training range; 12 bits if this is unknown. `full_scale`
+    /// replaces its highest reading. `None` if the readings are not counts and `full_scale` is not given.
     pub fn converter(&self, full_scale: Option<f64>) -> Option<Converter> {
         let found = match &self.valid_range {
             None => Some(Converter::new(4095.0)),
@@ -177,7 +177,7 @@ impl Calibration {
         }
     }
 
-    /// Number of rows, after a check of the shape that callers promise.
+    /// Checks the shape that [`Self::wrench`] requires, and returns the number of rows.
     pub(super) fn rows_of(&self, readings: &[Vec<f64>]) -> usize {
         assert_eq!(readings.len(), self.columns(), "one column per channel, and its memory terms");
         let rows = readings.first().map_or(0, Vec::len);
@@ -214,7 +214,7 @@ mod tests {
                 for row in 0..rows {
                     let z = |c: &u8| (readings[usize::from(*c)][row] - 50.0) / 64.0;
                     for axis in 0..6 {
-                        // Dyadic numbers of few bits: every operation is exact.
+                        // All numbers are dyadic with few bits, so every operation is exact.
                         let expected: f64 =
                             std::iter::zip(polynomial.model().terms(), &polynomial.coefficients)
                                 .map(|(term, c)| {

@@ -55,17 +55,17 @@ pub enum GroupBy {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FoundKind {
-    /// The load is constant within each.
+    /// The load is constant within each group.
     Poses,
-    /// The clock jumps between them.
+    /// The clock jumps between groups.
     Recordings,
-    /// Only time separates them.
+    /// Only time separates the groups.
     TimeBlocks,
 }
 
 const TIME_BLOCKS: u64 = 40;
 
-/// Rows are shuffled if neighbouring loads correlate less; in order of time it is far more.
+/// Rows count as shuffled if neighbouring loads correlate less; in order of time, they correlate far more.
 pub(crate) const SHUFFLED_BELOW: f64 = 0.3;
 
 /// Maximum number of blocks of time into which the rows of several files are divided.
@@ -81,7 +81,7 @@ impl FoundKind {
         self.words()[0]
     }
 
-    /// Names in documents: singular, plural and in full.
+    /// Name in documents, singular, plural, and full name.
     fn words(self) -> [&'static str; 4] {
         match self {
             Self::Poses => ["plateaus", "plateau", "poses", "plateaus of constant load"],
@@ -142,9 +142,9 @@ impl From<GroupKind> for GroupBy {
     }
 }
 
-/// Labels rows by groups that can be held out: those asked for or, for [`HeldOut::Auto`] and folds,
+/// Labels rows by groups that can be held out: the requested ones or, for [`HeldOut::Auto`] and folds,
 /// the first available of a column in all logs, several files, poses,
-/// recordings between jumps of the clock, forty blocks of time. `None` without any.
+/// recordings between jumps of the clock, forty blocks of time. `None` without groups.
 pub fn label_groups(data: &Dataset, held_out: HeldOut) -> Option<(GroupBy, Dataset)> {
     match held_out {
         HeldOut::File => Some((GroupBy::File, label_by_file(data))),
@@ -161,12 +161,12 @@ pub fn label_poses_or_files(data: &Dataset) -> Dataset {
     label_poses(data).map_or_else(|| label_by_file(data), |(_, data)| data)
 }
 
-/// Labels rows by groups within which errors may be correlated, if a sample shows some.
+/// Labels rows by groups with correlated errors: a column, several files, or poses if samples of the logs show some.
 pub(crate) fn label_poses(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     given(data).or_else(|| label_found_poses(data))
 }
 
-/// Labels rows by the poses that are found in them, if a sample shows some.
+/// Labels rows by the poses that are found in them, if a sample of each log shows some.
 pub(crate) fn label_found_poses(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     let may_have = |log: &LogRows| may_have_poses(&log.sample, log.is_sampled_at_start);
     data.logs.iter().all(may_have).then(|| label_groups(data, HeldOut::Poses))?
@@ -175,7 +175,7 @@ pub(crate) fn label_found_poses(data: &Dataset) -> Option<(GroupBy, Dataset)> {
 /// Groups of a column are poses if at most this share of the variance of the loads is within them.
 const WITHIN_POSES: f64 = 0.1;
 
-/// Returns true for groups of a column in which loads hardly change, or poses in all logs.
+/// Returns true if loads hardly change within the groups of a column or, without a column, if all logs have poses.
 pub(crate) fn has_poses(data: &Dataset) -> bool {
     match data.logs.iter().all(|log| log.has_groups) {
         true => loads_are_constant_in_groups(data),
@@ -191,14 +191,14 @@ fn loads_are_constant_in_groups(data: &Dataset) -> bool {
     })
 }
 
-/// Returns true unless a sample of a log, not of its first rows only, rules out poses.
+/// Returns false if a sample of a log rules out poses. A sample of the first rows only cannot do so.
 pub fn may_have_poses(sample: &Block, is_sampled_at_start: bool) -> bool {
     let mut finder = PoseFinder::<6>::new(Steps::from_sample(&[], &sample.wrench));
     finder.add(&[], &sample.wrench);
     is_sampled_at_start || matches!(finder.finish(), GroupLengths::Poses(_))
 }
 
-/// A column if all logs have one, otherwise files if there are several.
+/// Labels rows by the column if all logs have one, otherwise by file if there are several.
 fn given(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     match data.logs.len() {
         1.. if data.logs.iter().all(|log| log.has_groups) => Some((GroupBy::Column, data.clone())),
@@ -237,7 +237,7 @@ fn find(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     Some(label_found(data, kind, rows.collect()))
 }
 
-/// Divides the rows of a log into blocks of time, as evenly as possible. `None` for a single row.
+/// Divides the rows of a log into blocks of time, as evenly as possible. `None` for a single row or several logs.
 fn label_time_blocks(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     let [log] = &data.logs[..] else { return None };
     let groups = log.rows().min(TIME_BLOCKS);
@@ -246,9 +246,9 @@ fn label_time_blocks(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     (groups > 1).then(|| label_found(data, FoundKind::TimeBlocks, vec![rows]))
 }
 
-/// Blocks of time of several files, and the blocks of each file, so long that errors of neighbours
-/// are nearly uncorrelated. `None` for rows in poses, shuffled rows, or loads that stay correlated
-/// too long.
+/// Labels the rows of several files by blocks of time, and returns the range of blocks of each file. Blocks
+/// are so long that errors of neighbouring blocks are nearly uncorrelated. `None` for rows in poses,
+/// shuffled rows, or loads that stay correlated too long.
 pub(crate) fn time_blocks_of_files(data: &Dataset) -> Option<(Dataset, Vec<Range<usize>>)> {
     let is_apart = |&lag: &usize| load_correlation(data, lag) < SHUFFLED_BELOW;
     let lags = std::iter::successors(Some(1), |lag| Some(2 * lag));

@@ -5,8 +5,8 @@
 //! ([physics]) is inverted.
 //!
 //! [`fit()`] takes rows, finds groups and a model, and reports how far the resulting [`Calibration`] can be trusted.
-//! [`least_squares`] sums, solves and holds out rows; [`sensor_physics`] models a sensor's response. No files, clocks
-//! or printing.
+//! [`least_squares`] sums, solves and holds out rows; [`sensor_physics`] models a sensor's response. The crate reads no
+//! files or clocks, and prints nothing.
 //!
 //! ```
 //! use calibration::solver::{self, FitProblem, SolverKind};

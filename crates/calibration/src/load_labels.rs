@@ -6,7 +6,7 @@ use sensor_physics::MOST_CHANNELS;
 use shell_data::dataset::{Dataset, LogRows, sample};
 use shell_data::statistics::extremes;
 
-/// Largest distance of an unloaded pose from the first, in channel ranges: play remains.
+/// Largest distance of an unloaded pose from the first pose, as a share of the channel's range: play leaves some.
 const UNLOADED: f64 = 0.03;
 
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -16,7 +16,7 @@ pub struct PoseMismatch {
     /// Poses that differ from the first.
     pub loaded: usize,
     pub loads: usize,
-    /// In words.
+    /// Times of the first poses, in words; empty if logs have no time.
     pub times: String,
 }
 
@@ -26,8 +26,8 @@ const SAME: [f64; 3] = [SAME_POSE, 0.02, 0.04];
 
 type ReadingPose = FoundPose<MOST_CHANNELS>;
 
-/// Labels rows by the hung load, matching poses and labels in order. Excess poses that read like
-/// the first have no load. Other rows have the empty label.
+/// Labels rows by the hung load, matching poses and labels in order. If there are more poses than labels,
+/// poses that read like the first have no load. Rows outside the matched poses have the empty label.
 ///
 /// # Errors
 /// [`PoseMismatch`] if neither the poses nor the loaded poses are as many as the labels.
@@ -39,7 +39,7 @@ pub fn label_loads(data: &Dataset, labels: &[String]) -> Result<Dataset, PoseMis
         };
         finders.iter().enumerate().flat_map(of).collect()
     };
-    // Springs creep, so wider limits merge poses, until there are as many poses as labels.
+    // Creep of springs divides poses: wider limits merge them, until there are as many poses as labels.
     let chosen = SAME.into_iter().find_map(|same| {
         let poses = found(same);
         let loaded = unlike_the_first(&poses, UNLOADED.max(same));
@@ -185,7 +185,7 @@ mod tests {
         let labelled = label_loads(&data, &labels).unwrap();
         let runs = &labelled.logs[0].blocks[0].labels;
         let named: Vec<&(String, usize)> = runs.iter().filter(|run| !run.0.is_empty()).collect();
-        // Rows before the first that agree are in no pose.
+        // Rows before the first ones that agree belong to no pose.
         assert!(named.len() == 3 && named.iter().all(|run| run.1 > 400), "{named:?}");
         let error = label_loads(&data, &labels[..2]).unwrap_err();
         assert!(error.to_string().contains("(still: 0.0 to 1"), "{error}");

@@ -59,11 +59,11 @@ pub struct MemoryState {
 /// The effect of a row on the averages.
 #[derive(Clone, Copy, PartialEq)]
 enum RowKind {
-    /// They follow the readings held until it.
+    /// The averages follow the readings that were held until this row.
     Next,
-    /// None: later rows came before it.
+    /// No effect: rows of later times came before it.
     Late,
-    /// They start anew.
+    /// The averages start anew.
     First,
 }
 
@@ -79,7 +79,7 @@ impl MemoryTerms {
 }
 
 impl MemoryState {
-    /// Computes the terms of the next rows: columns like those of `readings`, channel by channel for each constant.
+    /// Computes the terms of the next rows: a column for each channel, for each time constant in turn.
     ///
     /// # Errors
     /// [`NoTime`] if the time constants are in seconds and `times_s` does not have a time for each row.
@@ -117,7 +117,7 @@ impl MemoryState {
         Ok(terms)
     }
 
-    /// Returns the kind of the next rows and, for each time constant, the share of the way that an average goes.
+    /// Returns the kind of each row and, for each time constant, the share by which an average nears the reading.
     fn steps(
         &mut self,
         times_s: &[f64],

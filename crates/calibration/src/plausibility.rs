@@ -18,7 +18,7 @@ const TIMES_LOAD: f64 = 1e12;
 /// dropped outliers move the centre.
 const WIDTHS: f64 = 1e3;
 
-/// Most channels for all corners; with more, only those where all channels but one agree.
+/// Most channels for which all corners are checked; with more, only corners where at most one channel differs.
 const CORNER_CHANNELS: usize = 8;
 
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
@@ -27,7 +27,7 @@ pub enum Implausible {
         "the centre of channel {channel} is `{centre:e}`, its training data reached from `{min}` to `{max}`"
     )]
     Centre {
-        /// From 1.
+        /// Number of the channel, from 1.
         channel: usize,
         /// Counts.
         centre: f64,

@@ -19,8 +19,8 @@ pub struct Tare {
     pub features: Vec<f64>,
     /// Mean wrench, N and N·m, to be subtracted.
     pub wrench: PerAxis<f64>,
-    /// Mean variance of a physics model's error at this pose, squares of N and N·m, which more frames do not reduce.
-    /// Zero for a polynomial, where the features give it.
+    /// Mean variance of a physics model's error at this pose, N² and (N·m)². More frames do not reduce it.
+    /// Zero for a polynomial, where the features give this variance.
     pub variance: PerAxis<f64>,
 }
 
@@ -79,8 +79,8 @@ impl Calibration {
     }
 
     /// Standard error of every row and axis, N and N·m; see [`least_squares::uncertainty`]. Outside the training
-    /// range of a polynomial, the difference from the wrench at its end counts as a further 95 % error. `readings`
-    /// has one column per channel, in counts. `None` without a covariance.
+    /// range of a polynomial, the difference from the wrench at the end of the range counts as a further 95 % error.
+    /// `readings` has one column per channel, in counts. `None` without a covariance.
     ///
     /// # Panics
     /// If `readings` does not have one column per channel of the model, or the columns differ in length.
@@ -209,7 +209,7 @@ vectorised! {
     }
 }
 
-/// The columns from the first nonzero one. With fewer groups than features there are as many as groups.
+/// Columns from the first nonzero one on. With fewer groups than features, there are as many as groups.
 fn without_zeros(factor: &TriangularColumns) -> &[Vec<f64>] {
     let zeros = factor.iter().take_while(|column| column.iter().all(|&f| f == 0.0)).count();
     &factor[zeros..]

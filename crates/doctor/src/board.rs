@@ -28,7 +28,7 @@ const FEW_LOST: f64 = 1e-3;
 /// Above this share, losses are a fault.
 const MANY_LOST: f64 = 1e-2;
 
-/// A quartz is accurate to some 10⁻⁴, and a period in whole µs to 10⁻³ at 1 kHz.
+/// Largest relative error of a rate: a quartz is accurate to some 10⁻⁴, a period in whole µs to 10⁻³ at 1 kHz.
 const RATE_ERROR: f64 = 0.01;
 
 pub fn check_board(facts: &BoardObservations<'_>) -> Vec<Finding> {
@@ -262,7 +262,7 @@ fn check_losses(part: &StreamPart, findings: &mut Vec<Finding>) {
     }
 }
 
-/// Returns the frames in order of index, with readings if all have some.
+/// Returns the frames in order of index, with readings if all frames have some.
 fn in_order(frames: &[BoardFrame]) -> Block {
     let mut ordered: Vec<&BoardFrame> = frames.iter().collect();
     ordered.sort_by_key(|frame| frame.index);

@@ -14,10 +14,10 @@ use crate::channels::channel_name;
 use crate::{Finding, percent};
 use calibration_file::{CalibrationFile, Diagnostics};
 
-/// Above it, the last ten or so digits of a coefficient are in doubt.
+/// Condition number above which the last ten or so digits of a coefficient are in doubt.
 const CONDITION: f64 = 1e6;
 
-/// Limit of the error on new data over that on the training data.
+/// Largest ratio of the error on new data to the error on the training data.
 const OVERFIT: f64 = 2.0;
 
 /// With fewer rows per feature, a fit follows the noise.
@@ -26,10 +26,10 @@ const ROWS_PER_FEATURE: u64 = 10;
 /// Minimum explained share of an axis's variance.
 const EXPLAINED: f64 = 0.9;
 
-/// An older calibration should be repeated, or at least tested.
+/// Age in days above which a calibration should be repeated, or at least tested.
 const OLD_DAYS: f64 = 365.0;
 
-/// Limit of training rows skipped as invalid.
+/// Largest share of training rows skipped as invalid.
 const SKIPPED: f64 = 0.01;
 
 /// Reads and checks a calibration file. `age` returns the days since a date.
@@ -163,7 +163,7 @@ fn check_errors(known: &Diagnostics, axes: Axes, findings: &mut Vec<Finding>) {
     }
 }
 
-/// Checks for axes hardly explained even in the training data.
+/// Checks for axes hardly explained in the test data or, without a test, in the training data.
 fn check_explained(known: &Diagnostics, axes: Axes, findings: &mut Vec<Finding>) {
     let errors = known.test.as_ref().unwrap_or(&known.train);
     for axis in axes.iter() {

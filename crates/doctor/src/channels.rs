@@ -7,15 +7,15 @@ use log_file::summary::LogSummary;
 
 pub(crate) const ENOUGH_FRAMES: u64 = 20;
 
-/// Minimum gain in certainty of forces from an exchange of two channels, above noise and creep.
+/// Least factor by which the exchange of swapped channels reduces standard errors; noise and creep cause less.
 const UNLIKELY: f64 = 2.0;
 
 /// Shares of frames outside the calibrated range: warning and fault.
 const OUTSIDE: [f64; 2] = [0.05, 0.5];
 
 /// Checks for saturated, dead, quiet, identical and swapped channels. `identical` lists pairs with
-/// equal readings in every row; channels without `names` are s1, s2, …. In a log that `is_still`, a channel may well have
-/// one reading.
+/// equal readings in every row; channels without `names` are s1, s2, …. In a log that `is_still`, a constant
+/// channel may be sound, and gets a warning only.
 pub(crate) fn check_channels(
     (summary, is_still): (&LogSummary, bool),
     names: &[String],
@@ -86,7 +86,7 @@ pub(crate) fn channel_name(names: &[String], channel: usize) -> String {
     name.cloned().unwrap_or_else(|| format!("s{}", channel + 1))
 }
 
-/// Removes side effects of swapped channels: other checks fail, and readings leave their ranges.
+/// Removes findings that follow from swapped channels: repeated ones, and readings outside their range.
 pub(crate) fn without_consequences(findings: &mut Vec<Finding>) {
     const SWAPPED: &str = "channels-swapped";
     if findings.iter().any(|finding| finding.check == SWAPPED) {
@@ -101,8 +101,8 @@ pub(crate) fn without_consequences(findings: &mut Vec<Finding>) {
 
 /// Finds two channels with exchanged readings.
 ///
-/// Readings that no load can cause lie far from all training data, which shows in the standard
-/// errors of their forces. If an exchange brings them back, the channels are swapped.
+/// Readings that no load can cause lie far from all training data, so that their forces have large standard
+/// errors. If an exchange of two channels brings the errors down, these channels are swapped.
 fn swapped(summary: &LogSummary, names: &[String], calibration: &Calibration) -> Option<Finding> {
     if summary.readings.len() != calibration.channels() {
         return None;

@@ -60,7 +60,7 @@ impl Finding {
         Self { check, severity: FindingSeverity::Warning, seen, advice }
     }
 
-    /// Returns a finding with advice about wrong or impossible results.
+    /// Returns a finding about wrong or impossible results, with advice.
     pub fn fault(check: &'static str, seen: impl Into<String>, advice: impl Into<String>) -> Self {
         Self { severity: FindingSeverity::Fault, ..Self::warning(check, seen, advice) }
     }

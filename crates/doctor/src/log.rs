@@ -23,7 +23,7 @@ use log_file::summary::LogSummary;
 /// Limit on the jitter, as a share of the interval between frames.
 const JITTER: f64 = 0.25;
 
-/// Share of rows in which an unusable clock runs back; in concatenated logs it does once in each.
+/// Share of rows in which an unusable clock runs back. In concatenated logs, a clock runs back once per log.
 const NO_CLOCK: f64 = 0.1;
 
 /// Shares of missing rows: warning and fault.
@@ -356,7 +356,7 @@ fn find_swap(calibration: &Calibration, rows: &Block) -> Option<((usize, usize),
     (factor > WORSE).then_some((channels, factor))
 }
 
-/// Returns the change of the wrench from the first tenth to the last, if both are quiet.
+/// Returns axes that drift from the first tenth to the last, with change and largest load, if both tenths are quiet.
 fn drift(means: &[PerAxis<RunningVariance>], largest: &PerAxis<f64>) -> Vec<(Axis, f64, f64)> {
     let tenth = means.len() / 10;
     if tenth == 0 {
@@ -373,7 +373,7 @@ fn drift(means: &[PerAxis<RunningVariance>], largest: &PerAxis<f64>) -> Vec<(Axi
         let last = merged(&means[means.len() - tenth..], axis.index());
         (axis, last.mean - first.mean, sd(&first).max(sd(&last)))
     });
-    // A loaded tenth has no zero.
+    // A tenth in which the load changes does not show the zero.
     let is_quiet = ends.iter().all(|(axis, _, sd)| *sd <= DRIFT * largest[axis.index()]);
     if !is_quiet {
         return Vec::new();

@@ -3,7 +3,7 @@
 use shell_data::block::Block;
 use shell_data::statistics::RunningVariance;
 
-/// Variation of a constant load, as a share of its range over the log.
+/// Largest variation of a constant load, as a share of its range over the log.
 const CONSTANT_LOAD: f64 = 0.01;
 
 /// Minimum jump, as a share of the channel's range over the log and as a multiple of its noise.
@@ -11,10 +11,10 @@ const CONSTANT_LOAD: f64 = 0.01;
 const JUMP: f64 = 0.05;
 const NOISE: f64 = 10.0;
 
-/// With fewer rows on either side, the change is a spike.
+/// Least number of rows on either side of a jump; with fewer, the change is a spike.
 const LEAST_ROWS: usize = 5;
 
-/// A longer log is skipped: it does not consist of poses.
+/// Number of rows above which a log is skipped, because it does not consist of poses.
 const MOST_ROWS: usize = 1_000_000;
 
 #[derive(Debug, Default)]
@@ -117,7 +117,7 @@ fn split(column: &[f64]) -> Option<(usize, [f64; 2])> {
     Some((at, [mean + sum / at as f64, mean - sum / (rows - at) as f64]))
 }
 
-/// Standard deviation from differences of neighbouring rows, without the largest: a jump.
+/// Standard deviation from differences of neighbouring rows, without the largest one, which may be a jump.
 fn noise(column: &[f64]) -> f64 {
     let squares = column.windows(2).map(|pair| (pair[1] - pair[0]).powi(2));
     let (sum, largest) =

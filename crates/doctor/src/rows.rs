@@ -13,19 +13,19 @@ use shell_data::wrench::{Axes, Axis};
 use crate::channels::{channel_name, check_channels, identical_in};
 use crate::{Finding, FindingSeverity};
 
-/// A column that is constant for this share of a log has stopped, if two channels move over this share of their ranges,
-/// and in each of some parts of these rows over a smaller one: two poses may have the same reading.
+/// A column has stopped if it is constant for the share `STOPPED` of a log while two channels move over `MOVED` of
+/// their ranges, and over `MOVED_IN_PART` in each of `PARTS` parts: neighbouring poses may have the same reading.
 const STOPPED: f64 = 0.1;
 const MOVED: f64 = 0.5;
 const PARTS: usize = 4;
 const MOVED_IN_PART: f64 = 0.1;
 const FEWEST_STOPPED: usize = 50;
 
-/// Range of a channel that moves at all, in mean steps from row to row: of noise it is less.
+/// Least range of a channel that moves at all, in mean steps from row to row. The range of noise is smaller.
 const MOVED_IN_STEPS: f64 = 10.0;
 
-/// A load of a reference that measures changes from row to row, so that a shorter run is suspicious; one that was typed
-/// in is constant in each pose. Least share of rows that differ from the row before, and least number of values.
+/// Least share of rows for a stopped load. A measured load changes from row to row: in over `CHANGES` of all rows, with
+/// over `VALUES` values or `VALUES_PER_ROW` for each row. A load that was typed in is constant in each pose.
 const STOPPED_LOAD: f64 = 0.05;
 const CHANGES: f64 = 0.2;
 const VALUES: usize = 100;
@@ -86,7 +86,7 @@ fn check_log(log: &LogRows, names: &[String]) -> Vec<Finding> {
 /// Rows of a log, or of every second, fourth, … block of a long one.
 #[derive(Debug)]
 pub(crate) struct KeptRows {
-    /// With the number of rows before each.
+    /// Blocks, each with the number of rows before it.
     blocks: Vec<(usize, Block)>,
     every: usize,
     blocks_seen: usize,
@@ -99,7 +99,7 @@ impl Default for KeptRows {
     }
 }
 
-/// A column with its values in a row for messages, and the load if it is one.
+/// A column: name in messages, values of all kept rows, and the axis if it is a load.
 struct Column<'a> {
     name: String,
     values: Vec<f64>,
@@ -161,7 +161,7 @@ impl KeptRows {
         row
     }
 
-    /// Checks the columns, whose other faults are in the summary of the log, and looks for copied rows.
+    /// Checks the columns for faults that the summary of the log does not show, and looks for copied rows.
     pub(crate) fn check(
         &self,
         (summary, names): (&LogSummary, &[String]),
@@ -188,7 +188,7 @@ impl KeptRows {
             .collect();
         let of_loads = loads.iter().filter_map(|load| self.check_column(load, &readings, &loads));
         let mut of_loads: Vec<Finding> = of_loads.collect();
-        // The whole reference is told once.
+        // A reference that stands still on all axes is reported once.
         of_loads.dedup();
         findings.extend(of_loads);
         findings.extend(self.rows_twice());
@@ -205,7 +205,7 @@ impl KeptRows {
         let limits = load.map_or("channel-saturated", |_| "load-saturated");
         let floor = pinned_at_min(values);
         let may_be_cut = |limit: f64| load.is_none() || is_measured(values, |of| of == limit);
-        // Limits of channels from above are in the summary.
+        // `check_channels` reports upper limits of channels.
         let limit = (is_cut_above && load.is_some()).then_some(summary.max).or(floor);
         // Without contact, a load rests at zero.
         let limit = limit.filter(|limit| load.is_none() || *limit != 0.0);

@@ -91,7 +91,7 @@ impl RowSums {
         (self.channels(), basis) == (model.channels, model.basis)
     }
 
-    /// Root mean squares, N and N·m.
+    /// Root mean square loads, N and N·m.
     pub fn loads(&self) -> PerAxis<f64> {
         match self {
             Self::Exact(sums) => std::array::from_fn(|axis| sums.mean_square(axis).sqrt()),
@@ -156,7 +156,7 @@ impl RowSums {
     }
 }
 
-/// Errors on each of the `parts`, of one [kind](RowSums::kind), by a fit to all of them except those at `left_out`.
+/// Errors, on each of the `parts`, of a fit to all except those at `left_out`. Parts are of one [kind](RowSums::kind).
 ///
 /// # Errors
 /// [`FitError`] if the other parts do not determine the coefficients, or all together cannot be summed exactly.
@@ -174,7 +174,7 @@ pub fn errors_without(
     };
     let rest = merged(&|at| !left_out.contains(at))?.ok_or(FitError::NoRows)?;
     match (rest, merged(&|_| true)?, merged(&|at| left_out.contains(at))?) {
-        // Sums of the rest in the units of all, which suit the parts that are left out.
+        // Takes the sums of the rest in the units of all parts, because the errors on left-out parts need these.
         (RowSums::Exact(rest), Some(RowSums::Exact(all)), left_out) => {
             let rest = match &left_out {
                 Some(RowSums::Exact(part)) => all.without(part),
@@ -217,7 +217,7 @@ impl GroupedSums {
         }
     }
 
-    /// More than [`groups`](Self::groups) if sets of groups were summed.
+    /// Number of groups: more than [`groups`](Self::groups) if sets of groups were summed.
     pub fn group_count(&self) -> usize {
         match self {
             Self::Exact(sums) => sums.group_count,
@@ -233,7 +233,7 @@ impl GroupedSums {
         }
     }
 
-    /// 0 without groups.
+    /// Number of channels; 0 without groups.
     pub fn channels(&self) -> usize {
         match self {
             Self::Exact(sums) => sums.total().map_or(0, ExactSums::channels),
@@ -289,8 +289,8 @@ impl GroupedSums {
         }
     }
 
-    /// Compares `model` with the smaller ones within it; `None` without any, if `model` cannot be fitted without one
-    /// of the folds, or if it would take as long as the fit.
+    /// Compares `model` with the smaller ones within it. `None` if there are none, if `model` cannot be fitted without
+    /// one of the folds, or without exact sums, where the comparison would take as long as the fit.
     ///
     /// # Errors
     /// As [`select`](Self::select).

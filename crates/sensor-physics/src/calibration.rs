@@ -14,7 +14,7 @@ use least_squares::passes::{Workers, map_folds};
 use least_squares::uncertainty::{GroupIntervals, Scores};
 use shell_data::wrench::PerAxis;
 
-/// Weight of the model's own standard errors, in groups, when held-out groups correct them.
+/// Weight of the model's own standard errors, as a number of groups, when held-out groups correct them.
 const MODEL_GROUPS: f64 = 4.0;
 
 /// Most rows scored in each group for its quantiles: rows of a group resemble each other.
@@ -42,14 +42,14 @@ fn scores_of(rows: &TrainingRows, choice: &Choice) -> Scores {
 }
 
 impl PhysicsCalibration {
-    /// Multiplies the standard errors of the model, without intervals, by `error_scale`.
+    /// Creates a calibration without intervals. `error_scale` multiplies the standard errors of the model.
     pub fn new(model: PhysicsModel, error_scale: PerAxis<f64>) -> Self {
         Self { inversion: Inversion::new(&model), error_scale, intervals: None }
     }
 
     /// Fits to rows. Held-out groups select λ, the width of the priors and the number of shared factors; their errors
-    /// also scale the standard errors and give the intervals. Both uses matter little: the selection sets only three
-    /// numbers.
+    /// also scale the standard errors and give the intervals. Using the groups twice matters little, because the
+    /// selection sets only three numbers.
     ///
     /// # Errors
     /// [`FitError::Physics`], [`FitError::Interrupted`].
@@ -57,7 +57,7 @@ impl PhysicsCalibration {
         Self::fit_sample(rows, ObservationSample::from_rows(rows)?, None, workers)
     }
 
-    /// [`fit`](Self::fit) on a sample of the observations of these rows, holding out `folds` of groups, if given.
+    /// Like [`fit`](Self::fit), on a sample of the observations of these rows. Holds out `folds` of groups, if given.
     pub fn fit_sample(
         rows: &TrainingRows,
         sample: ObservationSample,
@@ -91,8 +91,8 @@ impl PhysicsCalibration {
     }
 }
 
-/// About the most rows on which errors are computed, spread evenly over the groups: their root mean square is
-/// accurate to two thousandths.
+/// Approximate maximum number of rows on which errors are computed, spread evenly over the groups: their root
+/// mean square is accurate to two thousandths.
 const MOST_JUDGED: usize = 200_000;
 
 /// Cross-validation over folds of groups. The priors, three numbers, were chosen on all folds.
@@ -116,8 +116,8 @@ pub struct GroupErrors {
 }
 
 impl PhysicsValidation {
-    /// Converts the rows of each of `folds` with the chosen model refitted without it, and intervals from the scores
-    /// of all other groups. Fits models of folds that were not used for the choice, on several threads.
+    /// Converts the rows of each of `folds` with the chosen model, refitted without the fold. Intervals come from the
+    /// scores of all other groups. Models that the choice has not fitted yet are fitted on several threads.
     ///
     /// # Errors
     /// [`FitError::Interrupted`].
@@ -135,7 +135,7 @@ impl PhysicsValidation {
         Self::by(fit, rows, folds, workers)
     }
 
-    /// [`new`](Self::new) with the usual priors, without factors: a preview in a tenth of the time of a choice.
+    /// Like [`new`](Self::new), with the usual priors and no shared factors: a preview in a tenth of a choice's time.
     ///
     /// # Errors
     /// [`FitError::Physics`] if rows outside of a fold cannot be fitted; [`FitError::Interrupted`].

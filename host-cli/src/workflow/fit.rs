@@ -22,7 +22,8 @@ pub struct FitData {
 }
 
 impl FitData {
-    /// Reads the rows of logs, and the labels needed for their groups; for a report also the times. Fails if a log cannot be read, or the logs differ in their channels or axes.
+    /// Reads the rows of logs, and the labels needed for their groups; for a report also the times. Fails if a log
+    /// cannot be read, or the logs differ in their channels or axes.
     pub fn read(
         train: &[Log],
         test: &[Log],
@@ -61,7 +62,7 @@ impl FitData {
             check_channels(log, self.train.channels())?;
         }
         let logs: Vec<(&Log, Wanted)> = test.iter().map(|log| (log, wanted.clone())).collect();
-        // A group may be in the training logs alone.
+        // A group to exclude may be in the training logs only.
         let read = &ReadOptions { may_exclude_nothing: true, ..*read };
         self.test = read_dataset(&logs, read)?;
         sample_logs(&mut self.test, test, &wanted)?;
@@ -171,7 +172,7 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
     Ok(data.fit(options)?)
 }
 
-/// The calibration file of a fit. `origin` receives its solver and its quality.
+/// Creates the calibration file of a fit, and adds the solver and the quality of the fit to `origin`.
 pub fn calibration_file(fit: &Fit, origin: Origin) -> CalibrationFile {
     // R² is not a result if the fit has in effect seen the rows, or if no row is within its range.
     let is_no_result = fit.leaks.in_test().is_some() || fit.test().is_out_of_range();

@@ -20,7 +20,7 @@ fn recordings() -> TempDir {
 fn merged_parts_are_the_fit_over_all_files_bit_for_bit_in_any_grouping() {
     let dir = recordings();
     for model in ["--model cubic", "--model poly3", "--model quadratic --no-intercept"] {
-        // Sums contain no groups.
+        // These partial fits contain no groups.
         let by_rows = "--covariance rows -o whole.json";
         succeed(&dir, &format!("fit 1.csv 2.csv 3.csv {model} {by_rows}"));
         for file in 1..=3 {
@@ -98,7 +98,7 @@ fn parts_of_different_fits_are_refused() {
     assert!(!dir.path().join("cal.json").exists());
 }
 
-/// Repeated rows under another name, and other rows under the same name.
+/// Parts that repeat rows under another name, and parts with other columns or of another sensor.
 #[test]
 fn parts_of_other_columns_or_of_the_same_rows_are_refused() {
     let dir = recordings();
@@ -313,7 +313,7 @@ fn groups_that_were_tampered_with_are_refused() {
     let (content, _) = swapped.rsplit_once(",\n  \"checksum\"").unwrap_or((&swapped, ""));
     fs::write(dir.path().join("bad.json"), content).unwrap();
     refused(&dir, "merge bad.json");
-    // Without its checksum it is not read, however right the rest.
+    // A file without its checksum is not read, even if the rest is right.
     let (content, _) = text.rsplit_once(",\n  \"checksum\"").unwrap();
     fs::write(dir.path().join("bad.json"), format!("{content}\n}}\n")).unwrap();
     assert!(refused(&dir, "merge bad.json").contains("its last line but one is no checksum"));
@@ -328,7 +328,7 @@ fn piped(dir: &TempDir, arguments: &str, input: &[u8]) -> Output {
         .stderr(std::process::Stdio::piped())
         .spawn()
         .unwrap();
-    // A program that ends early takes no more.
+    // A program that ends early reads no more, so that the write may fail.
     let _ = child.stdin.take().unwrap().write_all(input);
     child.wait_with_output().unwrap()
 }
@@ -372,7 +372,6 @@ fn partial_fits_pass_through_pipes() {
     assert!(refused(&dir, "fit 1.csv --partial - --json").contains("leave out `--json`"));
 }
 
-/// Memory holds one partial fit and the sum: some 5 MB, while 10,000 are 34 MB of text.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_partial_fit_that_contradicts_the_others_is_named() {
@@ -417,6 +416,7 @@ fn a_partial_fit_that_contradicts_the_others_is_named() {
     }
 }
 
+/// Memory holds the sum, one partial fit and the first hundred, while 10,000 are 34 MB of text.
 #[test]
 fn ten_thousand_partial_fits_are_merged_in_flat_memory() {
     use std::io::Write;

@@ -1,5 +1,5 @@
-//! Spoilt training and test rows are named with the right cure, and sound ones are not. These tests
-//! make the table of `docs/spoilt-files.md`.
+//! Spoilt training and test rows are named with the right cure, and sound ones are not. A test compares
+//! the results with the table of `docs/spoilt-files.md`.
 
 use std::fmt::Write;
 use std::fs;
@@ -18,14 +18,14 @@ const POSES: usize = 60;
 const ROWS_OF_POSE: usize = 20;
 const TEST_ROWS: usize = 800;
 
-/// Root mean square, N or N·m.
+/// Root mean square loads, N or N·m.
 const LOADS: [f64; 6] = [1.0, 1.2, 1.5, 0.05, 0.06, 0.04];
 
-/// Eight channels that each see all loads, bent a little.
+/// Eight channels that each respond to all loads, with a slight nonlinearity.
 #[derive(Clone)]
 struct Sensor {
     mixing: Vec<[f64; 6]>,
-    /// Counts.
+    /// Standard deviation, counts.
     noise: f64,
     bend: f64,
 }
@@ -176,7 +176,7 @@ impl Session {
 
 type Spoil = fn(&mut Session);
 
-/// The name, the change, and a part of the resulting headline.
+/// Name of each case, its change, and a part of the resulting headline.
 const OF_POSES: [(&str, Spoil, &str); 37] = [
     (
         "test: Fx and Fy exchanged",
@@ -485,7 +485,7 @@ fn a_few_test_poses_are_not_ok_if_far_off_and_not_known_if_they_cannot_tell() {
         let mut session = Session::of_poses(15, POSES, 2.0, 0.02);
         let promised = session.clone().fit().unseen_errors().unwrap().rms[2];
         let [train, test] = [&mut session.train[0], &mut session.test];
-        // Poses of the training data that are taken out: the fit has not seen them.
+        // Takes poses out of the training data to test on them: the fit has not seen them.
         let rows = 3 * ROWS_OF_POSE;
         let take = |column: &mut Vec<f64>| column.drain(..rows).collect::<Vec<f64>>();
         test.readings = train.readings.iter_mut().map(take).collect();
@@ -502,7 +502,7 @@ fn a_few_test_poses_are_not_ok_if_far_off_and_not_known_if_they_cannot_tell() {
     }
 }
 
-/// Sensors of other noise, bend, number of poses and files.
+/// Sessions with different noise, nonlinearity, numbers of poses and numbers of files.
 #[test]
 fn fifty_sound_sessions_are_ok() {
     let mut blamed = Vec::new();

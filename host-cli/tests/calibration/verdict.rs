@@ -64,7 +64,7 @@ fn the_verdict_comes_first_and_limits_check_what_was_held_out() {
     assert!(said.contains("above the limit of 0.1300 N"), "{said}");
 }
 
-/// `eval` has what `fit --test` says of the same rows, from the calibration file.
+/// `eval` reports the same of test rows, from the calibration file, as `fit --test` does.
 #[test]
 fn eval_has_the_screen_and_the_words_of_fit() {
     let dir = tempfile::tempdir().unwrap();
@@ -91,7 +91,7 @@ fn eval_has_the_screen_and_the_words_of_fit() {
     let text = succeed(&dir, &format!("eval cal.json {test} --verbose"));
     assert!(text.contains("800 rows used, 0 skipped") && text.contains(" bias "), "{text}");
 
-    // The shares within the stated intervals: 95 % are meant.
+    // Shares of the rows within the stated 95 % intervals.
     let held = found["verdict"]["interval_95_held"].as_array().unwrap();
     assert!(held.iter().all(|held| (0.85..=1.0).contains(&held.as_f64().unwrap())), "{held:?}");
 
@@ -111,7 +111,7 @@ fn eval_has_the_screen_and_the_words_of_fit() {
     assert!(text.starts_with("NOT OK on the test: in `swapped.csv` exchanging"), "{text}");
     assert!(text.contains(" other.csv "), "{text}");
 
-    // Without held-out errors those of the training rows are compared.
+    // Without held-out errors, test errors are compared with those of the training rows.
     succeed(&dir, &format!("fit {train} --model cubic -o plain.json"));
     let text = succeed(&dir, &format!("eval plain.json {test}"));
     assert!(text.starts_with("OK: ") && text.contains("error on training rows"), "{text}");
@@ -153,7 +153,7 @@ fn a_test_set_beyond_the_calibrated_range_is_no_result() {
     let fit = format!("fit {train} --test moved.csv --model linear --cv --json");
     let found = json(&dir, &fit);
     let said = found["verdict"]["reasons"][0].as_str().unwrap();
-    // A linear model turns another zero of a reading into one of the wrench.
+    // A linear model turns an offset of a reading into an offset of the wrench.
     assert!(said.contains("on the test: another zero of forces"), "{said}");
     assert_eq!(found["verdict"]["ok"], false);
     assert!(found["test"][0]["rms"].is_number() && !found["test"][0]["r_squared"].is_number());
@@ -175,7 +175,7 @@ fn two_calibrations_are_compared_by_groups_and_eval_names_its_inputs() {
         let number = |value: &serde_json::Value| value.as_f64().unwrap();
         for (which, errors) in errors.iter().enumerate() {
             let expected = number(&errors[axis]["rms"]);
-            // Sums over groups, in another order.
+            // The sums over groups are added in another order.
             assert!((number(&of["rms"][which]) / expected - 1.0).abs() < 1e-9, "{of}");
         }
         let [low, high] = [0, 1].map(|end| number(&of["interval_95"][end]));
@@ -294,7 +294,7 @@ fn random_splits_and_permuted_labels_of_a_real_sensor_leak_and_grouped_splits_do
         let mut order = rows.clone();
         shuffle(&mut order, &mut random);
         let (test, train) = order.split_at_mut(rows.len() / 5);
-        // No file, one or both rounded, to nine decimals down to two.
+        // Rounds neither set of rows, or one of them, to between nine and two decimals.
         let decimals = [9, 7, 5, 4, 3, 2][case % 6];
         match case % 3 {
             1 => round(train, decimals),
@@ -324,7 +324,7 @@ fn a_plain_fit_of_few_poses_takes_physics_and_reports_held_out_errors() {
     let path = real_recording("others/photointerrupters/poses.csv");
     let found = json(&dir, &format!("fit {} --json", path.display()));
     assert_eq!(found["model"], "physics");
-    // Leave one pose out, as in docs/physics.md; half of the last digit.
+    // Leave-one-pose-out errors, as in docs/physics.md, plus half of their last digit.
     for (axis, limit) in [1.105, 0.815, 0.715].into_iter().enumerate() {
         let rms = found["verdict"]["unseen_rms"][axis].as_f64().unwrap();
         assert!(rms < limit, "{axis}: {rms}");

@@ -17,23 +17,23 @@ use super::samples::SearchRows;
 use least_squares::validation::normal_equations::sums_without_each;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// λ on columns of norm one, which the condition numbers of memory terms require.
+/// Ridge λ on columns of norm one, needed because memory terms are ill-conditioned.
 const RIDGE: f64 = 1e-10;
 
 /// Largest lag that is searched, in periods.
 const FARTHEST: usize = 64;
 
-/// Number of knots for loads at a lag and their slope; the lag follows the second.
+/// Number of knots for loads at a lag and their slope; the lag is between the second and the third.
 const KNOTS: usize = 4;
 
-/// Products over the rows of each fold and of every [fit](FoldEquations::fits).
+/// Products of columns, summed over the rows of each fold, and over those of each [fit](FoldEquations::fits).
 struct FoldSums {
     folds: Vec<Mat<f64>>,
     fits: Vec<Mat<f64>>,
 }
 
 impl FoldSums {
-    /// `AᵀB` of some columns.
+    /// Computes `AᵀB` for the columns `a` and `b`.
     fn new(samples: &SearchRows<'_>, a: &Mat<f64>, b: &Mat<f64>) -> Self {
         let of = |rows: &std::ops::Range<usize>| {
             let (a, b) = (a.subrows(rows.start, rows.len()), b.subrows(rows.start, rows.len()));
@@ -57,13 +57,13 @@ impl FoldSums {
     }
 }
 
-/// Products `A`, scaled so that columns have norm one, with the ridge: its norms and `L`.
+/// Cholesky factor `L` of products scaled to columns of norm one, plus the ridge; and the norms of the columns.
 struct ScaledFactor {
     norms: Vec<f64>,
     lower: Mat<f64>,
 }
 
-/// Norms of columns with these products; 1 for a column of zeros.
+/// Norms of the columns, from their products; 1 for a column of zeros.
 fn norms(products: MatRef<'_, f64>) -> Vec<f64> {
     let norm = |j: usize| Some(products[(j, j)].sqrt()).filter(|norm| *norm > 0.0);
     (0..products.ncols()).map(|j| norm(j).unwrap_or(1.0)).collect()
@@ -76,7 +76,7 @@ fn divide_rows(of: &mut Mat<f64>, norms: &[f64]) {
 }
 
 impl ScaledFactor {
-    /// The column `free` has no ridge. `None` if rounding has made the products indefinite.
+    /// Factors the products, without a ridge on column `free`. `None` if rounding has made them indefinite.
     fn new(products: MatRef<'_, f64>, free: Option<usize>) -> Option<Self> {
         let norms = norms(products);
         let n = norms.len();
@@ -86,14 +86,14 @@ impl ScaledFactor {
         Some(Self { norms, lower })
     }
 
-    /// `L⁻¹·D⁻¹·B`.
+    /// Returns `L⁻¹·D⁻¹·B`, where `D` is the diagonal matrix of the norms.
     fn eliminate(&self, mut products: Mat<f64>) -> Mat<f64> {
         divide_rows(&mut products, &self.norms);
         solve_lower_triangular_in_place(self.lower.as_ref(), products.as_mut(), Par::Seq);
         products
     }
 
-    /// `D⁻¹·L⁻ᵀ·B`.
+    /// Returns `D⁻¹·L⁻ᵀ·B`.
     fn substitute(&self, mut eliminated: Mat<f64>) -> Mat<f64> {
         let upper = self.lower.transpose();
         solve_upper_triangular_in_place(upper, eliminated.as_mut(), Par::Seq);
@@ -106,7 +106,7 @@ struct Knot {
     columns: Mat<f64>,
     with_features: FoldSums,
     eliminated: Vec<Mat<f64>>,
-    /// Products with the loads of the same axis at this and the next knots, fold by fold.
+    /// Products of the loads of each axis at this knot with those at this and the next knots, fold by fold.
     with_next: [OnceLock<Vec<PerAxis<f64>>>; KNOTS],
 }
 
@@ -115,7 +115,7 @@ pub(super) struct MemoryColumns {
     columns: Mat<f64>,
     with_features: FoldSums,
     with_each_other: FoldSums,
-    /// Norms of the columns, and `V`, of each fit.
+    /// Norms of the columns, and `V`, for each fit.
     eliminated: Vec<(Vec<f64>, Mat<f64>)>,
     with_loads: Vec<OnceLock<FoldSums>>,
 }
@@ -163,7 +163,7 @@ struct Coefficients {
 
 type Fitted<'a> = (Blend, &'a Coefficients);
 
-/// Sums of products of residuals with the part of the loads' slope that features do not explain.
+/// Sums of `r·r`, `r·D⊥` and `D⊥·D⊥`, for the residual `r` and the unexplained part `D⊥` of the loads' slope.
 #[derive(Clone, Copy)]
 pub(super) struct LagSums {
     pub(super) residual: PerAxis<f64>,
@@ -175,15 +175,15 @@ pub(super) struct FoldEquations<'a> {
     pub(super) samples: &'a SearchRows<'a>,
     origin: f64,
     features: FoldSums,
-    /// The features of all rows but those of each fold, then of all rows.
+    /// Factors of the features' products: for each fold, over all rows outside it; the last, over all rows.
     fits: Vec<ScaledFactor>,
     knots: Vec<OnceLock<Knot>>,
-    /// 0 for axes that do not vary.
+    /// Variance of the loads; 0 for axes that do not vary.
     pub(super) variances: PerAxis<f64>,
 }
 
 impl<'a> FoldEquations<'a> {
-    /// Equations for lags about `origin`; `None` if rounding makes the features' indefinite.
+    /// Creates equations for lags near `origin`; `None` if rounding makes the features' products indefinite.
     pub(super) fn new(samples: &'a SearchRows<'a>, origin: f64) -> Option<Self> {
         let loads = samples.loads(0.0);
         let variance = |axis: usize| {
@@ -205,8 +205,8 @@ impl<'a> FoldEquations<'a> {
         })
     }
 
-    /// Loads at a lag, and their slope over one period in each direction, which excludes the noise
-    /// of the loads in between. `None` for a lag too far from the origin.
+    /// Loads at a lag, and their slope. The slope spans one period in each direction, so that its noise does not
+    /// correlate with that of the loads. `None` for a lag too far from the origin.
     fn blends(&self, lag: f64) -> Option<[Blend; 2]> {
         let period = self.samples.clock.period;
         let at = (lag - self.origin) / period + FARTHEST as f64;
@@ -288,8 +288,8 @@ impl<'a> FoldEquations<'a> {
         terms.with_loads[knot].get_or_init(loads)
     }
 
-    /// The set with another time constant at a position, perhaps behind the last. `None` if
-    /// rounding makes it indefinite.
+    /// Returns the set with `new` at a position, in place of the term there or after the last. `None` if
+    /// rounding makes its equations indefinite.
     pub(super) fn with(
         &self,
         set: &TermSet,
@@ -417,7 +417,7 @@ impl<'a> FoldEquations<'a> {
         sums
     }
 
-    /// Errors on each fold of fits without it, at a lag; `None` for a lag too far from the origin.
+    /// Errors on each fold, at a lag, of the fit without it. `None` for a lag too far from the origin.
     pub(super) fn errors(&self, set: &TermSet, lag: f64) -> Option<FoldErrors> {
         let [loads, _] = self.blends(lag)?;
         let load_noise = self.samples.noise_of_loads(lag);
@@ -448,7 +448,7 @@ impl<'a> FoldEquations<'a> {
         Some(errors)
     }
 
-    /// Sums for the fit at a lag, over all rows or fold by fold; `None` too far from the origin.
+    /// Sums over all rows at a lag and, if `by_fold`, `both` for each fold. `None` for a lag too far from the origin.
     pub(super) fn lag_sums(
         &self,
         set: &TermSet,

@@ -7,7 +7,7 @@ use shell_data::wrench::PerAxis;
 pub(super) struct FoldErrors {
     pub(super) rows: u64,
     pub(super) squares: PerAxis<f64>,
-    /// Rows of each fold, and its errors relative to the variance, averaged over varying axes.
+    /// For each fold, its rows and its squared error relative to the loads' variance, averaged over varying axes.
     pub(super) scores: Vec<(u64, f64)>,
     /// Scores minus the part caused by noise of readings and loads.
     pub(super) systematic: Vec<(u64, f64)>,
@@ -18,7 +18,7 @@ impl FoldErrors {
         FoldMean::new(&self.scores).value
     }
 
-    /// Score without noise, which a search minimises: terms that only average noise raise it.
+    /// Score without the part of noise. The search minimises it, because terms that only average noise raise it.
     pub(super) fn systematic(&self) -> f64 {
         FoldMean::new(&self.systematic).value
     }
@@ -28,7 +28,7 @@ impl FoldErrors {
         gain.value > gain.standard_error && gain.value > share * self.score()
     }
 
-    /// Returns true if errors fall by this share too, with and without noise.
+    /// Returns true if the errors with and without noise both fall by this share, and by more than a standard error.
     pub(super) fn are_explained_by(&self, later: &Self, share: f64) -> bool {
         let least = share * self.score();
         let of = [(&self.scores, &later.scores), (&self.systematic, &later.systematic)];

@@ -6,8 +6,8 @@
 //! ```
 //!
 //! Later steps use this data set like any other. Both searches use the largest family of features that the number of
-//! rows supports. A lag or memory term is kept if it lowers the held-out errors by more than one standard error of
-//! their difference between folds, even without the part of noise: a filter is not a memory.
+//! rows supports. A lag or memory term is kept if it lowers the held-out errors by over a standard error of their
+//! difference between folds. A memory term must also lower them without the part of noise: a filter is not a memory.
 
 mod equations;
 mod errors;
@@ -30,7 +30,7 @@ use least_squares::quality::{in_units, significant};
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// A step of the clock is a gap if it exceeds this many usual ones.
+/// Number of median periods above which a step of the clock is a gap.
 const GAP_PERIODS: f64 = 10.0;
 
 /// Given lag and memory, s, or rows if logs have no clock. `None` requests a search.
@@ -86,7 +86,7 @@ pub enum NotSearched {
     Weights,
 }
 
-/// Finds the requested lag and memory. Rows that cannot be searched remain usable, without an error.
+/// Finds lag and memory as `rule` requests. Rows that cannot be searched give [`NotSearched`], not a [`FitError`].
 ///
 /// # Errors
 /// [`FitError::TimeConstant`] if a given time constant is not positive.

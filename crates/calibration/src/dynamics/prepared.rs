@@ -1,4 +1,4 @@
-//! Time along rows, and data sets with memory terms and the wrench at the time of the readings.
+//! Clock of the rows, and preparation of data sets: memory terms, and the wrench at the time of the readings.
 
 use std::fmt;
 use std::ops::Range;
@@ -20,10 +20,10 @@ pub struct ReferenceLag {
 }
 
 impl ReferenceLag {
-    /// Converts the time of readings, s, to that of the same force on the reference's clock.
+    /// Converts the time of readings, s, to the time at which the reference shows the same force.
     /// Unchanged if the lag is in rows.
     pub fn moved_s(&self, time_s: f64) -> f64 {
-        /// Largest time at which a double resolves a nanosecond, to which times are rounded.
+        /// Largest time that is rounded to a nanosecond, which a double still resolves there.
         const LARGEST_S: f64 = 1e6;
         match self.time_base {
             TimeBase::Rows => time_s,
@@ -65,7 +65,7 @@ impl RowClock {
         (self.time_base == TimeBase::Seconds).then_some(GAP_PERIODS * self.period)
     }
 
-    /// [`FitError::TimeConstant`] if a time constant is not positive.
+    /// Returns [`FitError::TimeConstant`] if a time constant is not positive and finite.
     pub(super) fn memory(&self, time_constants: &[f64]) -> Result<MemoryTerms, FitError> {
         let is_wrong = |tau: &&f64| !(**tau > 0.0 && tau.is_finite());
         if let Some(&wrong) = time_constants.iter().find(is_wrong) {
@@ -91,9 +91,9 @@ pub(super) struct BetweenRows {
 }
 
 impl BetweenRows {
-    /// Finds the time `by` after each of some ascending rows: between two rows, or up to one row
-    /// beyond the ends of its segment; further out, the last value is held. `times` ascend within
-    /// each of `segments`.
+    /// Finds, for each of the ascending `rows`, the point in time that is later by `by`. It lies between two
+    /// rows, or up to one row beyond the ends of the row's segment; further out, the value there is held.
+    /// `times` ascend within each of `segments`.
     pub(super) fn later(
         times: &[f64],
         segments: &[Range<usize>],
@@ -125,7 +125,7 @@ impl BetweenRows {
         rows.into_iter().map(of_row).collect()
     }
 
-    /// Linear between the rows.
+    /// Value of a column at this time, linear between both rows.
     pub(super) fn value(&self, column: &[f64]) -> f64 {
         column[self.before] + self.share * (column[self.after] - column[self.before])
     }
@@ -145,10 +145,10 @@ pub(super) fn segments(times: &[f64], gap: Option<f64>) -> Vec<Range<usize>> {
     times.chunk_by(goes_on).map(rows).collect()
 }
 
-/// Prepares rows for this memory and lag.
+/// Appends the memory terms to the readings, and moves the wrench by the lag.
 ///
 /// # Errors
-/// [`FitError::NoTime`] if memory or lag is by time and a log has no time.
+/// [`FitError::NoTime`] if memory or lag is in seconds and a log has no time.
 pub fn prepared(
     mut data: Dataset,
     memory: Option<&MemoryTerms>,
@@ -181,7 +181,7 @@ fn prepare(
     Ok(())
 }
 
-/// Takes the wrench at the time when the reference shows the load of the readings.
+/// Replaces the wrench of each row by the one at the time when the reference shows the load of the readings.
 fn move_wrench(blocks: &mut [&mut Block], lag: ReferenceLag) -> Result<(), NoTime> {
     let rows: usize = blocks.iter().map(|block| block.rows).sum();
     let (times, gap) = match lag.time_base {

@@ -1,10 +1,10 @@
 //! Rows for the search: some rows of the data set, in order, each with its history.
 //!
-//! `s` and `s − EMA_τ(s)` for a few time constants combine to a filter. If loads move slowly, a
-//! filter that averages noise lowers the errors although the sensor has no memory, and its delay
-//! looks like a lag; interpolation between rows averages noise of the loads. The part of noise is
-//! therefore computed separately: with the gradient `g` of a wrench with respect to a reading, the
-//! coefficients `d_k` of its memory terms, and white noise of variance σ²,
+//! A reading `s` and its memory terms `s − EMA_τ(s)` can combine to a filter. If loads move slowly, a filter
+//! that averages noise lowers the errors although the sensor has no memory, and its delay looks like a lag.
+//! Interpolation between rows also averages noise of the loads. The part of noise is therefore computed
+//! separately. With the gradient `g` of a wrench with respect to a reading, the coefficients `d_k` of its
+//! memory terms, and white noise of variance σ², it is
 //!
 //! ```text
 //! σ²·(g² + 2·g·Σ d_k + Σ d_k·d_l·(1 + α_k·α_l/(1 − (1−α_k)·(1−α_l)))),   α = 1 − exp(−period/τ)
@@ -30,7 +30,7 @@ const MOST_USED: usize = 8_000;
 
 const ROWS_PER_FEATURE: usize = 10;
 
-/// Most folds, and about the number of parts into which a few logs are divided.
+/// Largest number of folds, and approximate number of parts into which a few logs are divided.
 const FOLDS: usize = 10;
 
 const ENOUGH_LOGS: usize = 4;
@@ -44,7 +44,7 @@ struct LogPart<'a> {
     segments: Vec<Range<usize>>,
     wrench: PerAxis<Vec<f64>>,
     used: Vec<usize>,
-    /// Ends of runs of rows with one label, in used rows; empty for rows without labels.
+    /// Ends of runs of rows with the same label, counted in used rows; empty for rows without labels.
     group_ends: Vec<usize>,
 }
 
@@ -86,7 +86,7 @@ impl<'a> LogPart<'a> {
         Self { blocks, times, segments, wrench, used, group_ends }
     }
 
-    /// End of the group that ends nearest to a used row.
+    /// End of a group that is nearest to a used row; the row itself without groups.
     fn cut_near(&self, row: usize) -> usize {
         let nearest = self.group_ends.iter().min_by_key(|end| end.abs_diff(row));
         nearest.copied().unwrap_or(row)
@@ -181,7 +181,7 @@ impl<'a> SearchRows<'a> {
         loads
     }
 
-    /// Variance of the noise of these loads: interpolation between rows averages two of them.
+    /// Variance of the noise of [these loads](Self::loads): interpolation averages the noise of two rows.
     pub(super) fn noise_of_loads(&self, by: f64) -> PerAxis<f64> {
         let share = (by / self.clock.period).rem_euclid(1.0);
         self.load_noise.map(|variance| variance * (share * share + (1.0 - share) * (1.0 - share)))
@@ -210,7 +210,7 @@ impl<'a> SearchRows<'a> {
     }
 }
 
-/// Ends of the runs of one label in the first `rows` of a log, counted in used rows.
+/// Ends of runs of rows with the same label in the first `rows` of a log, counted in used rows.
 fn group_ends(log: &LogRows, rows: usize, every: usize) -> Vec<usize> {
     let runs = log.blocks.iter().flat_map(|block| &*block.labels);
     let mut ends: Vec<(&str, usize)> = Vec::new();
@@ -224,8 +224,8 @@ fn group_ends(log: &LogRows, rows: usize, every: usize) -> Vec<usize> {
     ends.iter().map(|(_, end)| (*end.min(&rows)).div_ceil(every)).collect()
 }
 
-/// Divides the used rows into folds: parts of a few logs, about equally long and of whole groups,
-/// or combined neighbours.
+/// Divides the used rows into folds. A few logs are cut into parts of about equal length and of whole groups;
+/// many logs or parts are combined with their neighbours.
 fn folds(logs: &[LogPart<'_>]) -> Vec<Range<usize>> {
     let parts = match logs.len() {
         ENOUGH_LOGS.. => 1,
@@ -253,7 +253,7 @@ const DIFFERENCE_GAIN: f64 = 70.0;
 
 const JUMP: f64 = 8.0;
 
-/// A row that comes later than this many periods follows a missing row.
+/// A row that comes more than this many periods after the previous one follows a missing row.
 const MISSING_PERIODS: f64 = 1.5;
 
 pub(super) struct ReadingNoise {
@@ -310,8 +310,8 @@ impl ReadingNoise {
         Self { period, channels: channels.collect() }
     }
 
-    /// Variance of each axis by this noise, N² and (N·m)², from the coefficients of the features
-    /// and of the memory terms, channel by channel for each time constant.
+    /// Variance that this noise causes on each axis, N² and (N·m)², from the coefficients of features and memory
+    /// terms. The rows of `terms` are the channels, for each time constant in turn.
     pub(super) fn of_wrench(
         &self,
         features: &Mat<f64>,
@@ -344,8 +344,8 @@ impl ReadingNoise {
     }
 }
 
-/// Variance of white noise on the columns of several logs, each with its times, from fourth
-/// differences over rows at equal distances; 0 without any.
+/// Estimates the variance of white noise on the same column of several logs, each given with its times,
+/// from fourth differences over rows at equal intervals. Returns 0 if there are none.
 pub(super) fn variance<'a>(
     logs: impl Iterator<Item = (&'a [f64], impl AsRef<[f64]>)>,
     period: f64,

@@ -1,14 +1,14 @@
 //! Search for lag and time constants.
 //!
 //! **Lag.** Let `r` be the residual of the fit at a lag and `D⊥` the part of the loads' slope that
-//! the features leave unexplained. Least squared errors require `Σ r·D⊥ = 0`. The slope is taken
-//! over one row in each direction, so that the noise of a load is not in both factors: a direct
-//! minimum is biased towards half rows, where interpolation averages noise. The scatter of the sum
-//! between folds gives the standard error.
+//! the features leave unexplained. The squared errors are least where `Σ r·D⊥ = 0`. The slope is taken
+//! over one row in each direction, so that the noise of both factors does not correlate. Direct
+//! minimisation would be biased towards half rows, where interpolation averages noise. The scatter of
+//! the sum between folds gives the standard error.
 //!
-//! **Time constants** are added one at a time, from a logarithmic grid, each with its own lag,
-//! because a lag looks like a short memory while the longer one is missing. All are then moved to
-//! the least held-out errors.
+//! **Time constants** are added one at a time, from a logarithmic grid. Each is tried with its own lag,
+//! because a lag looks like a short memory as long as the true, longer one is missing. All are then
+//! adjusted to minimise the held-out errors.
 
 use std::sync::Arc;
 
@@ -28,20 +28,20 @@ const APART: f64 = 1.5;
 /// A memory term that lowers squared errors by a smaller share is not worth its state.
 const LEAST_GAIN: f64 = 0.02;
 
-/// Least gain of the first term if rows are labelled as groups, whose order, and thereby history,
-/// differs in use; and of a lag beside memory terms there, because creep that these do not describe
-/// fully looks like a lag.
+/// Least gain of the first memory term if rows are labelled as groups: their order, and thereby their
+/// history, differs in use. Also the least gain of a lag if such rows have memory terms: creep that the
+/// terms do not describe fully looks like a lag.
 const LEAST_GAIN_IN_GROUPS: f64 = 0.2;
 
-/// Least rows for each feature of a cubic without products, before time constants are searched for. With 20 poses of
+/// Fewest rows per feature of a cubic without products that allow a search for time constants. With 20 poses of
 /// 20 rows, memory terms tell poses apart: held-out errors are then up to 38 times smaller than those on other
-/// poses; with 50 poses they are within a factor of two.
+/// poses. With 50 poses, they are within a factor of two.
 const ROWS_PER_FEATURE: usize = 40;
 
-/// Errors relative to the loads are rounding below this.
+/// Squared error relative to the loads' variance below which only rounding is left.
 const NOTHING_LEFT: f64 = 1e-12;
 
-/// Most steps towards a lag, which converge like the secant method.
+/// Maximum number of steps towards a lag, by the secant method.
 const STEPS: usize = 12;
 
 /// Steps towards the lag for each of many time constants.
@@ -55,8 +55,8 @@ const ROUNDS: [f64; 4] = [1.7, 1.4, 1.2, 1.08];
 
 type LagEstimate = (f64, f64);
 
-/// Searches as the rule requests; given values stay. Finds nothing if cancelled, which the next
-/// pass over the rows reports.
+/// Searches as the rule requests, and keeps given values. Returns only these if cancelled: the next pass
+/// over the rows reports the cancellation.
 pub(super) fn search(
     samples: &SearchRows<'_>,
     rule: &DynamicsRule<'_>,
@@ -84,7 +84,7 @@ impl DynamicsSearch<'_> {
         let (rule, equations) = (self.rule, &self.equations);
         let none = equations.no_terms();
         let plain = match rule.lag {
-            // The equations serve lags near the given one.
+            // `equations` serve only lags near the given one.
             Some(lag) if lag != 0.0 => {
                 FoldEquations::new(self.samples(), 0.0)?.errors(&none, 0.0)?
             }
@@ -153,8 +153,8 @@ impl DynamicsSearch<'_> {
         (pays && lag.abs() > 2.0 * error).then_some((lag, error))
     }
 
-    /// Finds the lag from a first guess in at most `steps` steps, and the change of the sum with
-    /// the lag.
+    /// Finds the lag from a first guess in at most `steps` steps. Also returns the derivative of the weighted
+    /// sum `Σ r·D⊥` with respect to the lag.
     fn lag(&self, set: &TermSet, start: f64, steps: usize) -> Option<(f64, f64)> {
         let period = self.samples().clock.period;
         let sums = |lag: f64| Some(self.equations.lag_sums(set, lag, false)?.0);
@@ -198,7 +198,7 @@ impl DynamicsSearch<'_> {
         Some(spread.sqrt() / steepness).filter(|error| error.is_finite())
     }
 
-    /// Adds time constants as long as they pay; also returns the lag that they have moved.
+    /// Adds time constants as long as they lower the errors enough. Also returns the lag, which they change.
     fn time_constants(&self, mut set: TermSet, mut lag: f64) -> Option<(TermSet, f64)> {
         if self.samples().rows() < ROWS_PER_FEATURE * (3 * self.samples().channels + 1) {
             return Some((set, lag));
@@ -275,8 +275,8 @@ impl DynamicsSearch<'_> {
         self.equations.errors(set, lag).map_or(f64::INFINITY, |errors| errors.systematic())
     }
 
-    /// Moves a time constant by up to about a factor to the least errors on a parabola through
-    /// three points.
+    /// Moves a time constant to the best of three scores and of the vertex of a parabola through them, by at
+    /// most `factor` to the power of 1.5.
     fn move_one(
         &self,
         set: TermSet,

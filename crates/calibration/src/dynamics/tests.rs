@@ -1,4 +1,4 @@
-//! A synthetic sensor: six channels that mix six loads, creep, and have a late reference.
+//! Tests with a synthetic sensor: its six channels mix six loads and creep, and its reference is late.
 
 use least_squares::error::FitError;
 use std::f64::consts::TAU;
@@ -15,7 +15,7 @@ const SINES: usize = 12;
 
 struct SyntheticSensor {
     lag_s: f64,
-    /// Share and time constant, s.
+    /// Share and time constant, s, of both creep terms.
     creep: [(f64, f64); 2],
     noise: f64,
 }
@@ -89,10 +89,10 @@ const RIGID: SyntheticSensor = SyntheticSensor { lag_s: 0.0, creep: [(0.0, 1.0);
 
 #[test]
 fn lag_and_both_time_constants_of_a_known_sensor_are_found() {
-    // The fit takes a reading to be held until the next, 5 ms later, which moves the lag by 0.06
-    // ms. Half a minute determines the lag less exactly than two minutes.
+    // Memory terms assume that a reading holds until the next one, 5 ms later. This shifts the lag by
+    // 0.06 ms. Half a minute determines the lag less exactly than two minutes.
     for (lag_s, logs, tolerance) in [(0.0031, 4, 1e-4), (-0.0074, 1, 1.5e-4)] {
-        // Noise is a fifth of a per cent of the loads; more moves the lag by a tenth of its value.
+        // Noise is 0.2 % of the loads; more noise would shift the lag by a tenth of its value.
         let sensor = SyntheticSensor { lag_s, creep: [(0.08, 0.06), (0.1, 1.4)], noise: 0.005 };
         let found =
             find(&sensor.logs(logs), &DynamicsRule::AUTO, true, Workers::ONE).unwrap().unwrap();

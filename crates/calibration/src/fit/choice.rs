@@ -37,12 +37,12 @@ pub(super) struct ModelChoice {
     pub(super) sums: Option<GroupedSums>,
     /// Sums for the covariance by group, if `sums` do not suit the solver or the groups.
     pub(super) own_sums: Option<GroupedSums>,
-    /// Groups that the covariance holds out together, if they are blocks of time.
+    /// Ranges of groups that the covariance holds out together, if the groups are blocks of time.
     pub(super) time_blocks: Option<Vec<Range<usize>>>,
     pub(super) group_by: Option<GroupBy>,
     pub(super) labelled: Option<Dataset>,
     pub(super) by_group: bool,
-    /// Reason why it cannot come from the groups, although there are some.
+    /// Reason why the covariance cannot come from the groups, although there are some.
     pub(super) not_grouped: Option<FitError>,
     /// Reason for no covariance, unless it is requested explicitly.
     pub(super) few_groups: Option<FewGroups>,
@@ -74,7 +74,7 @@ impl ModelChoice {
         self.time_blocks = (are_long && are_time_blocks).then(each_alone);
     }
 
-    /// Returns the warnings about missing standard errors by group, with the fit's own reason `not_grouped`.
+    /// Returns warnings about missing standard errors by group. `not_grouped` is the reason that the fit itself found.
     ///
     /// # Errors
     /// [`FitError::NoGroupCovariance`] if `rule` requests these errors explicitly.
@@ -125,8 +125,8 @@ impl FitInput<'_> {
 /// | held-out errors | exact sums, if the solver is exact or the family was chosen | R factors by fold; Huber's estimator fits again |
 /// | covariance by group | exact sums, if the solver is exact | the rows, once the solution is known |
 ///
-/// Solvers other than the exact one use the last column for all rows, except to choose the family. If files
-/// of motion were held out, the covariance comes from blocks of time in these files.
+/// Solvers other than the exact one follow the last column of the table for all rows, except to choose the family.
+/// If files of motion were held out, the covariance comes from blocks of time in these files.
 ///
 /// # Errors
 /// [`FitError`] if rows cannot be summed, or there are no groups to hold out.
@@ -181,12 +181,12 @@ impl FitOptions<'_> {
         self.basis().is_none() || self.cross_validation.is_some()
     }
 
-    /// Groups to find held-out errors on: a model that is chosen is also judged.
+    /// Groups on which held-out errors are computed; always some if the model is chosen.
     pub(super) fn validation(&self) -> Option<HeldOut> {
         self.cross_validation.or_else(|| (self.model == ModelRule::Auto).then_some(HeldOut::Auto))
     }
 
-    /// Always those of a column in a fit to means, unless folds are requested.
+    /// Groups to hold out. A fit to means always uses those of a column, unless folds are requested.
     pub(super) fn held_out(&self) -> HeldOut {
         match self.validation() {
             Some(HeldOut::Folds(folds)) => HeldOut::Folds(folds),
@@ -245,7 +245,7 @@ impl FitOptions<'_> {
         }
     }
 
-    /// Exact sums by group; `None` if the solver has no use for them, or there are none.
+    /// Exact sums by group; `None` if the solver has no use for them, or if the rows cannot be summed exactly.
     fn sum(&self, choice: &ModelChoice, rows: &Dataset) -> Result<Option<SumsByGroup>, FitError> {
         if self.basis().is_some() && self.solver != SolverKind::Exact {
             return Ok(None);
@@ -318,7 +318,7 @@ impl FitOptions<'_> {
         choice.own_sums = Some(rows_by_group(&rows));
     }
 
-    /// Keeps sums or rows for the solver's standard errors by group, if it cannot use those of the held-out groups.
+    /// Keeps rows by group for the solver's standard errors, because it cannot use the sums of the held-out groups.
     fn keep_for_solver(&self, choice: &mut ModelChoice, rows: &Dataset) {
         let (sums, model) = (rows_by_group(rows), self.model_of(rows, choice.basis));
         self.test_group_count(choice, &model, sums.groups());

@@ -1,10 +1,10 @@
-//! Cures for a reference that disagrees with a calibration: axes exchanged, turned or mirrored,
-//! signs, units, a zero, a delay.
+//! Cures: changes of a reference that make it agree with a calibration. They exchange, turn or mirror
+//! axes, or change signs, units, a zero or a delay.
 //!
-//! A signed permutation with a scale and a zero takes only products of predicted and measured axes
-//! about their means: with a sign times a scale `k`, the mean squared error is `⟨(p − k·w)²⟩ = ⟨p²⟩
-//! − 2k⟨pw⟩ + k²⟨w²⟩`, plus `(p̄ − k·w̄)²` unless a zero is subtracted. All 48 turns and mirrors of
-//! forces and of moments cost almost no time.
+//! The errors after a signed permutation with a scale and a zero follow from products of predicted and
+//! measured axes about their means. If `k` is the sign times the scale, the mean squared error is
+//! `⟨(p − k·w)²⟩ = ⟨p²⟩ − 2k⟨pw⟩ + k²⟨w²⟩`, plus `(p̄ − k·w̄)²` unless a zero is subtracted. All 48
+//! turns and mirrors of forces and of moments thus cost almost no time.
 
 use least_squares::quality::significant;
 use shell_data::wrench::{Axes, Axis, PerAxis};
@@ -12,11 +12,11 @@ use shell_data::wrench::{Axes, Axis, PerAxis};
 /// Minimum factor by which a cure reduces the error of the worst axis.
 const SMALLER: f64 = 3.0;
 
-/// Largest share of the loads' squares left as error by a cure: in large units, even noise has
-/// small errors.
+/// Largest squared error after a cure, as a share of the squared loads: a small scale makes the errors
+/// of any reference small, even of noise.
 const MOST_LEFT: f64 = 0.3;
 
-/// Largest ratio of errors to those of the best cure for both to be equally good.
+/// Changes whose errors are within this factor of the smallest count as equally good.
 const AS_GOOD: f64 = 1.15;
 
 /// Factors from a recorded force to N, and from a recorded moment to N·m, with their descriptions.
@@ -216,7 +216,7 @@ impl WrenchProducts {
         Cure::new(words(&changes), axes, &before, &after).map(|cure| Cure { is_zero, ..cure })
     }
 
-    /// Exchange of one force with one moment, or of all, that cures the errors.
+    /// Finds an exchange that cures the errors: of one force with one moment, or of all forces with all moments.
     fn across(&self, limit: &PerAxis<f64>, axes: Axes) -> Option<Cure> {
         let before = self.plain();
         let read = |order: [usize; 6]| -> PerAxis<f64> {
@@ -245,7 +245,7 @@ fn cures(before: f64, after: f64) -> bool {
     before > 1.0 && before > SMALLER * after
 }
 
-/// A single change (exchanged axes and signs, a unit, or a zero) takes precedence over two.
+/// Finds a change that cures the block. One step (exchanged axes and signs, a unit, or a zero) is preferred to two.
 fn simplest(block: usize, now: f64, score: impl Fn(&BlockChange) -> f64) -> Option<BlockChange> {
     let none = (1.0, "");
     let scales = if block == 0 { &FORCE_SCALES[..] } else { &MOMENT_SCALES[..] };
@@ -264,7 +264,7 @@ fn simplest(block: usize, now: f64, score: impl Fn(&BlockChange) -> f64) -> Opti
         let scored: Vec<(f64, BlockChange)> =
             changes.into_iter().map(|change| (score(&change), change)).collect();
         let best = scored.iter().map(|(score, _)| *score).fold(f64::INFINITY, f64::min);
-        // The first of equally good changes changes least.
+        // Among equally good changes, the first is the simplest.
         let found = scored.into_iter().find(|(score, _)| *score <= AS_GOOD * best);
         if let Some((_, change)) = found.filter(|(after, _)| *after <= most && cures(now, *after)) {
             return Some(change);

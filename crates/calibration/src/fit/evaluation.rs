@@ -66,7 +66,7 @@ impl Evaluation {
     }
 }
 
-/// The errors of a calibration on each log of a data set.
+/// Computes the errors of a calibration on each log of a data set.
 ///
 /// # Errors
 /// [`FitError::Interrupted`].
@@ -155,7 +155,7 @@ impl RowErrors {
         Ok(all)
     }
 
-    /// Computes the errors, on training rows counted in `size_unit`, and tests the training rows by `row_test`.
+    /// Computes the errors. On training rows, also counts error sizes in `size_unit`, and tests the rows by `row_test`.
     pub(super) fn of_fit(
         calibration: &Calibration,
         [train, test]: [&Dataset; 2],
@@ -329,8 +329,8 @@ impl PairedError {
     }
 }
 
-/// The errors of two calibrations on the rows of `data`, with the lag and memory of each corrected.
-/// They are compared by groups of a column, files, groups found in the rows, or blocks of time.
+/// Compares the errors of two calibrations on the rows of `data`, with the lag and memory of each corrected.
+/// The groups are those of a column, files, groups found in the rows, or blocks of time.
 ///
 /// # Errors
 /// [`FitError`] if there are fewer than two groups, or the watcher of the workers stops the pass.
@@ -425,7 +425,7 @@ mod tests {
         let chance = compare(&off_by(0.02));
         assert_eq!(chance.better(), Better::Neither);
         assert!(chance.half_width > chance.difference.abs());
-        // Equal except for the last bits.
+        // Both errors are equal except for the last bits.
         let rounded = compare(&off_by(1e-13));
         assert_ne!(rounded.rms[0], rounded.rms[1]);
         assert_eq!((rounded.better(), rounded.difference), (Better::Neither, 0.0));

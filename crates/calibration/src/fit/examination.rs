@@ -18,8 +18,8 @@ use shell_data::block::Block;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// A test fails if its error is certainly larger than this many times the promised one, known from held-out rows or,
-/// second, from training rows alone.
+/// A test fails if its error is certainly larger than this many times the promised error. The first number is for
+/// promises from held-out rows, the second for promises from training rows alone.
 const MOST: f64 = 2.0;
 const MOST_OF_TRAINING: f64 = 3.0;
 
@@ -56,7 +56,7 @@ pub struct TestRatio {
     pub interval: [f64; 2],
     /// Number of independent groups of test rows.
     pub groups: usize,
-    /// Ratio above which the test fails, if this is certain.
+    /// Ratio that the whole interval exceeds if the test fails.
     pub most: f64,
 }
 
@@ -121,8 +121,8 @@ impl Promise {
         if self.is_held_out { MOST } else { MOST_OF_TRAINING }
     }
 
-    /// Compares test errors with the promise: the ratio on the axis that most certainly exceeds it, and the fault if
-    /// the test or one of its logs fails. `outside`: numbers of rows out of the calibrated range and of all rows.
+    /// Compares test errors with the promise. Returns the ratio on the axis that most certainly exceeds it, and the
+    /// fault if the test or one of its logs fails. `outside`: numbers of rows out of the calibrated range and of all.
     ///
     /// # Errors
     /// [`FitError::Interrupted`].
@@ -135,7 +135,7 @@ impl Promise {
     ) -> Result<(Option<TestRatio>, Option<Fault>), FitError> {
         let whole = self.ratio(calibration, tested, workers)?;
         let mut failed = whole.filter(TestRatio::fails).map(|of| of.words(outside));
-        // A few logs scatter too much to tell whether one of them is wrong.
+        // The interval of a few logs together may be too wide to show that one of them is wrong.
         for log in tested.logs.iter().filter(|_| tested.logs.len() > 1) {
             if failed.is_some() {
                 break;
@@ -151,7 +151,7 @@ impl Promise {
         Ok((whole, fault.map(Fault::of_test)))
     }
 
-    /// The errors that are compared with those of a test, N and N·m.
+    /// Promised errors that the test errors are compared with, N and N·m.
     fn least(&self) -> PerAxis<f64> {
         std::array::from_fn(|axis| {
             (self.spread[axis] * self.rms[axis]).max(NO_ERROR * self.range[axis])
@@ -192,7 +192,7 @@ impl Promise {
         let sum = |of: fn(&(f64, f64)) -> f64| squares.iter().map(of).sum::<f64>();
         let rows = sum(|(rows, _)| *rows);
         let ratio = (sum(|(rows, square)| rows * square) / rows).sqrt() / self.least()[at];
-        // As many as groups of equal size would be.
+        // Effective number of groups, as if all had the same size.
         let count = (rows * rows / sum(|(rows, _)| rows * rows)).min(independent as f64);
         let level = 0.5 + COVERAGE_LEVEL / 2.0;
         let low = ratio / fisher_quantile(level, count, self.groups).sqrt();
@@ -201,7 +201,7 @@ impl Promise {
         ratio.is_finite().then_some(TestRatio { axis, ratio, interval, groups, most: self.most() })
     }
 
-    /// Number of groups with loads that differ from those of all others.
+    /// Number of distinct loads of the groups.
     fn distinct_loads(&self, groups: &[GroupErrors], axes: Axes) -> usize {
         let is_same = |a: &GroupErrors, b: &GroupErrors| {
             let is_near =
@@ -282,7 +282,7 @@ pub(super) fn cure_of_test(
 }
 
 impl TestRatio {
-    /// Describes an error that is too large, with `outside` of all rows out of the calibrated range.
+    /// Describes an error that is too large. `outside` of `rows` rows are out of the calibrated range.
     fn words(&self, [outside, rows]: [u64; 2]) -> String {
         let [low, high] = self.interval.map(|bound| significant(bound, 2));
         let mut text = format!(

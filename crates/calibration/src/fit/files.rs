@@ -1,8 +1,8 @@
-//! Files, or partial fits, that contradict all others: the fit errs far more on them, with and without their rows.
+//! Files, or partial fits, that contradict all others: fits with and without their rows both err far more on them.
 //!
 //! Held-out errors alone would blame a file that is the only one with some loads. A fit to all rows follows such a file,
-//! but not one whose reference differs. If channels are to spare, it may also follow exchanged channels: held-out errors
-//! alone decide on a file whose loads the others have, too.
+//! but not one whose reference differs. With more channels than needed, it may also follow exchanged channels. Held-out
+//! errors therefore suffice for a file whose loads the others have, too.
 
 use std::collections::BTreeSet;
 
@@ -27,18 +27,18 @@ use shell_data::wrench::{Axes, Axis, PerAxis};
 /// With two files, nothing tells which is wrong.
 const FEWEST_FILES: usize = 3;
 
-/// Least error of a contradicting file, in errors of the others, and of a file that is left out on trial. The error
-/// relative to the loads has to be as many times larger: sessions with large loads err more. A sound session errs up to
-/// 4.1 times as much where a linear model does not follow its loads.
+/// Smallest error of a contradicting file and, second, of a file that is left out on trial, in multiples of the others'
+/// errors. The error relative to the loads must be as many times larger, because sessions with large loads err more. A
+/// sound session errs up to 4.1 times as much where a linear model does not follow its loads.
 const FAR_MORE: f64 = 5.0;
 const SUSPICIOUS: f64 = 1.5;
 
-/// The others have the loads of a file, too, if they have as many times its rows, and on no axis of the file loads are
-/// larger than this many times the largest of the others.
+/// The others have the loads of a file, too, if they have at least `ROWS_OF_OTHERS` times its rows, and if its RMS load
+/// is at most `LARGER_LOADS` times the largest of theirs on each axis.
 const ROWS_OF_OTHERS: u64 = 2;
 const LARGER_LOADS: f64 = 1.2;
 
-/// Least error of such a file, in errors of the others while they were held out: of few poses, all files have large ones.
+/// Smallest held-out error of such a file, in multiples of the others': with few poses, all files have large ones.
 const FAR_MORE_HELD_OUT: f64 = 3.0;
 
 /// Errors below this share of the loads of a file count as none.
@@ -97,7 +97,7 @@ pub(super) fn find(fit: &Fit, workers: Workers<'_>) -> Result<Vec<String>, FitEr
 /// Describes each partial fit, given with its name, that contradicts all others.
 ///
 /// # Errors
-/// [`FitError`] if all together do not determine the model, or cannot be summed exactly.
+/// [`FitError`] if all parts together do not determine the model, or cannot be summed exactly.
 pub fn contradicting_sums(
     parts: &[(String, RowSums)],
     (model, ridge): (&Model, f64),
@@ -154,7 +154,7 @@ fn cross_validate_parts(
 }
 
 struct Parts {
-    /// Root mean square loads of each, N and N·m.
+    /// Root mean square loads of each part, N and N·m.
     loads: Vec<PerAxis<f64>>,
     rows: Vec<u64>,
     axes: Axes,
@@ -163,7 +163,7 @@ struct Parts {
 struct Contradiction {
     part: usize,
     axis: Axis,
-    /// Its error without its rows, in errors of the others.
+    /// Error of the part in a fit without it, in multiples of the others' errors.
     ratio: f64,
     /// Errors that would still be usual, N and N·m.
     limit: PerAxis<f64>,
@@ -186,9 +186,9 @@ struct Usual {
 }
 
 impl Parts {
-    /// Finds contradicting parts one by one, from root mean square `errors` on all parts of a fit without some of them,
-    /// `None` if the others do not determine it. A contradiction may bend the fit to all, so that errors on parts that
-    /// were each held out, if known, show more than those of this fit.
+    /// Finds contradicting parts one by one. `errors` returns the RMS errors, on all parts, of a fit without some of
+    /// them, or `None` if the others do not determine it. A contradicting part may bend the fit to all parts, so
+    /// held-out errors of each part, if known, show more than those of this fit.
     fn contradictions(
         &self,
         held_out: Option<Vec<PerAxis<f64>>>,
@@ -222,8 +222,8 @@ impl Parts {
         Ok(found)
     }
 
-    /// Tests a part by the errors of the fits to all parts and without those that are left out, and by those of held-out
-    /// parts, if known.
+    /// Tests a part by the errors of two fits, to `all` parts and `without` those that are left out, and by held-out
+    /// errors, if known.
     fn contradiction(
         &self,
         part: usize,
@@ -258,7 +258,7 @@ impl Parts {
             && self.axes.iter().all(has_loads)
     }
 
-    /// The smaller of both ratios of a part's error to the usual ones; zero if it counts as none.
+    /// Error of a part in multiples of the usual one, absolute or relative, whichever is smaller; zero if negligible.
     fn ratio(&self, usual: &Usual, errors: &[PerAxis<f64>], part: usize, axis: Axis) -> f64 {
         let at = axis.index();
         let (error, load) = (errors[part][at], self.loads[part][at]);
@@ -283,8 +283,8 @@ impl Parts {
         }
     }
 
-    /// The part that errs most in errors of the others, if it is suspicious. Errors relative to loads say nothing while a
-    /// part in another unit bends the fit.
+    /// The part with the largest error in multiples of the others', if it is suspicious. Errors relative to loads say
+    /// nothing while a part in another unit bends the fit.
     fn worst(&self, errors: &[PerAxis<f64>], left_out: &[usize]) -> Option<usize> {
         let ratio = |part: usize| {
             let usual = self.usual(errors, &[left_out, &[part]].concat()).errors;

@@ -167,7 +167,7 @@ impl Fit {
         self.solution().map_or_else(|| self.parameter_count(), |solution| solution.rank)
     }
 
-    /// Condition number of the features, columns scaled to norm one; `None` if infinite or for physics models.
+    /// Condition number of the features with columns of norm one; `None` if infinite or for physics models.
     pub fn condition(&self) -> Option<f64> {
         Some(self.solution()?.condition).filter(|condition| condition.is_finite())
     }

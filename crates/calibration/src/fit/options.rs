@@ -46,17 +46,17 @@ impl From<Basis> for ModelRule {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OutlierRule {
-    /// Searches for them if a row stands out, and uses them.
+    /// Searches for outliers if a row stands out, but uses them for the fit.
     Report,
     Drop,
-    /// Uses them, without a search.
+    /// Uses outliers, without a search.
     Keep,
 }
 
 /// The source of the covariance of the coefficients.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CovarianceRule {
-    /// Groups of the logs' column or poses, if there are at least ten; otherwise rows.
+    /// Groups of a column of the logs, poses or blocks of time, if there are at least ten; otherwise rows.
     Auto,
     /// Groups within which errors are alike: groups of a column, files, or groups found in the rows.
     Groups,
@@ -74,9 +74,9 @@ pub struct FitOptions<'a> {
     /// λ of a ridge on columns of norm one. Zero means no ridge or, if the family of features is
     /// chosen, the best of several.
     pub ridge: f64,
-    /// Refined QR replaces the exact solver for rows that it cannot take.
+    /// Solver of a polynomial. Refined QR replaces the exact solver for rows that the exact one cannot take.
     pub solver: SolverKind,
-    /// For [`SolverKind::Svd`]: leaves out singular values below this share of the largest, columns of norm one.
+    /// For [`SolverKind::Svd`]: leaves out singular values below this share of the largest. Columns have norm one.
     pub truncate: Option<f64>,
     /// Finds the errors on held-out groups. For a model that is chosen, they are found in any case.
     pub cross_validation: Option<HeldOut>,
@@ -91,7 +91,7 @@ pub struct FitOptions<'a> {
     /// Rows with a reading outside this range are left out.
     pub valid_range: Option<[f64; 2]>,
     pub outliers: OutlierRule,
-    /// Name of a requested option that only polynomials support: [`ModelRule::Auto`] then considers no others.
+    /// Name of a requested option that only polynomials support: [`ModelRule::Auto`] then considers no other models.
     pub polynomials_only: Option<&'a str>,
     /// Stated loads by group label. They replace the wrench in held-out errors of the physics model, if the wrench of
     /// the rows was corrected by their own readings.
@@ -180,7 +180,7 @@ impl FitOptions<'_> {
         }
     }
 
-    /// Finds lag and memory as requested, appends memory terms to the readings and moves the wrench to their time.
+    /// Finds lag and memory as requested, appends memory terms to the readings, and moves the wrench by the lag.
     pub(super) fn prepare(
         &self,
         [train, test]: [Dataset; 2],

@@ -1,4 +1,4 @@
-//! Results that may not be requested, and may not be possible.
+//! Results that are found, not possible, or not requested.
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum Outcome<T, E> {

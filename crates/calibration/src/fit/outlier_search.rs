@@ -20,7 +20,7 @@ const MOST_ROUNDS: usize = 12;
 const LARGEST_SHARE: f64 = 0.01;
 const MANY: usize = 50;
 
-/// An outlier's error exceeds this many times the errors of all but that share of the rows.
+/// An outlier's error exceeds this many times the largest error among all but `LARGEST_SHARE` of the rows.
 const FAR_BEYOND: f64 = 2.5;
 
 /// Distance from the nearer neighbour, in standard deviations, above which a warning names the
@@ -116,7 +116,7 @@ fn search(
             return Ok(Outliers { too_many: Some(suspects.len()), ..Outliers::default() });
         }
         left_out = suspects.iter().map(key).collect();
-        // Some rows alternate between in and out: the search would never end.
+        // If rows alternated between in and out, the search would never end.
         if !tried.insert(left_out.clone()) {
             break;
         }
@@ -129,8 +129,8 @@ fn search(
     Ok(Outliers { rows, too_many: None, rms })
 }
 
-/// Size above which an error makes an outlier: far beyond those of all but `most` rows. `unseen`
-/// bounds the rows that are not suspects.
+/// Size above which an error makes an outlier: far beyond the errors of all but `most` rows. `unseen` is an
+/// upper bound on the errors of rows that are not suspects.
 fn limit_beyond(tested: &[Suspect], most: usize, unseen: f64) -> f64 {
     let mut sizes: Vec<f64> = tested.iter().map(|(_, of)| of.size).collect();
     let tail = match sizes.len() > most {
@@ -178,8 +178,8 @@ impl OutlierSearch<'_> {
     /// Fits without some rows, from the solution or sums of `all`; `None` if that requires a pass
     /// over the other rows.
     fn without(&self, all: &Solved, left_out: &RowKeys) -> Result<Option<Solution>, FitError> {
-        /// Most rows to remove from the solution, because each needs memory for all features. Sums
-        /// or a pass suit more rows.
+        /// Maximum number of rows to remove from the solution, because each needs memory for all features.
+        /// Sums or a pass are better for more rows.
         const MOST_TAKEN_OUT: usize = 4096;
         let rows = self.gather(left_out);
         let few = rows.rows <= MOST_TAKEN_OUT;
@@ -225,8 +225,8 @@ impl OutlierSearch<'_> {
         Ok(())
     }
 
-    /// Tests the suspects by a fit without `excluded` rows, and finds the size of an outlier. Scans
-    /// all rows again only if others may be outliers, or if many large errors raise the limit.
+    /// Tests the suspects by a fit without `excluded` rows, and finds the size above which errors make outliers.
+    /// Scans all rows again only if others may be outliers, or if many large errors raise the limit.
     fn test(
         &mut self,
         test: &RowTest<'_>,
@@ -280,8 +280,8 @@ impl OutlierSearch<'_> {
         self.blocks.iter().enumerate().flat_map(of_block).collect()
     }
 
-    /// Root mean square errors of both fits on the rows other than `left_out`. For the first, their
-    /// squared errors are subtracted from the sum, which loses few digits: a row with a far larger
+    /// Root mean square errors of both fits on the rows other than `left_out`. The first fit used these rows,
+    /// so their squared errors are subtracted from its sum. This loses few digits: a row with a far larger
     /// error bends the fit, so that others have errors, too.
     fn rms(&self, [all, without]: [&Solution; 2], left_out: &RowKeys) -> Option<[PerAxis<f64>; 2]> {
         let left_out = self.gather(left_out);
@@ -310,8 +310,8 @@ impl OutlierSearch<'_> {
         Reason::Error { axis: Axis::ALL[axis], size, error, is_possible }
     }
 
-    /// Names a row, and the columns that differ most from its neighbours or the readings outside
-    /// the valid range.
+    /// Names a row and its columns: those that differ most from its neighbours, or the readings outside the
+    /// valid range.
     fn name(&self, (block, row): RowKey, reason: Reason) -> Outlier {
         let (log, rows) = self.blocks[block];
         let (channels, terms) = (self.data.channels(), rows.memory_columns);

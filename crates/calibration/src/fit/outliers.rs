@@ -46,7 +46,7 @@ pub struct Outliers {
     pub rows: Vec<Outlier>,
     /// Number of rows that stand out, if too many for slips; they are not listed.
     pub too_many: Option<usize>,
-    /// Root mean square errors on all other rows: of the fit to all rows, and without the outliers.
+    /// Root mean square errors on all other rows: of the fit to all rows, and of the fit without the outliers.
     pub rms: Option<[PerAxis<f64>; 2]>,
 }
 
@@ -55,7 +55,7 @@ impl Outliers {
         self.rows.iter().map(|row| (row.log, row.offset, row.row)).collect()
     }
 
-    /// `names` says where each row is.
+    /// Warnings about the outliers. `names` gives the file and line of each row.
     pub fn warnings(&self, axes: Axes, names: &[RowName]) -> Vec<String> {
         /// Maximum number of outliers to list: more would hide other warnings.
         const SHOWN: usize = 10;
@@ -96,7 +96,7 @@ pub struct RowName {
 }
 
 impl Outlier {
-    /// Describes which columns (of all, `names`) stand out, and how large the error is.
+    /// Describes which columns stand out, and how large the error is. `names` has all columns.
     pub fn why(&self, names: &[String]) -> String {
         let columns = self.columns.iter().take(3).map(|column| {
             let beside: Vec<String> = [column.before, column.after]

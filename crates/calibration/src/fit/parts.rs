@@ -11,7 +11,7 @@ use shell_data::wrench::{Axes, PerAxis};
 
 pub(super) const ROWS: usize = 4000;
 
-/// Takes up to [`ROWS`] rows, spread evenly over a part of all rows, as a range of shares.
+/// Takes up to [`ROWS`] rows, spread evenly over the `part` of all rows that is given as a range of shares.
 pub(super) fn spread(blocks: &[&Block], part: std::ops::Range<f64>) -> Block {
     let rows: usize = blocks.iter().map(|block| block.rows).sum();
     let [from, to] = [part.start, part.end].map(|share| (share * rows as f64) as usize);

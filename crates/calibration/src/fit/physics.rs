@@ -29,20 +29,20 @@ use sensor_physics::{
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Groups per coefficient of the cubic model below which polynomials are unreliable between the groups.
+/// Number of groups per coefficient of the cubic model below which polynomials are unreliable between the groups.
 const GROUPS_PER_FEATURE: usize = 8;
 
-/// Ratio of squared errors on held-out groups to those on its own rows that marks a poor polynomial.
+/// Ratio of squared errors on held-out groups to those on the training rows above which a polynomial is poor.
 const MUCH_WORSE: f64 = 2.0;
 
 /// Number of folds on which the physics model is first tried with default priors, and the largest ratio of its squared
-/// error to the polynomial's there. Its own priors are chosen only below that.
+/// error to the polynomial's there. Its own priors are chosen only below that ratio.
 const TRIED_FIRST: usize = 5;
 const OUT_OF_REACH: f64 = 4.0;
 
 #[derive(Clone, Debug)]
 pub struct PhysicsFit {
-    /// Priors, with all that was tried.
+    /// Chosen priors, with all that were tried.
     pub choice: Choice,
     pub observations: usize,
     pub groups: usize,
@@ -50,7 +50,7 @@ pub struct PhysicsFit {
 }
 
 impl PhysicsFit {
-    /// Held-out errors, with the labels of the groups in the order of their numbers.
+    /// Held-out errors. `labels` are those of the groups, in the order of their numbers.
     pub(super) fn cross_validation(&self, labels: &[String]) -> Option<CrossValidation> {
         let validation = self.validation.as_ref()?;
         let total = validation.total();
@@ -103,7 +103,7 @@ pub(super) fn fit(input: FitInput<'_>, tried: Option<TriedPhysics>) -> Result<Fi
     options.workers.start("errors on the rows");
     let errors = RowErrors::of_fit(&calibration, [&used, test], (None, None), options.workers)?;
     let of_train = Evaluation::total(&errors[0].logs);
-    // Outliers are found by a polynomial, and affect this model differently.
+    // Outliers are found by a polynomial, whose errors without them say nothing about this model.
     let looks = of_train.has_large_errors() && options.looks_for_outliers();
     let outliers = match looks.then(|| name_outliers(train, None, options)) {
         None => Outcome::NotAsked,
@@ -128,7 +128,7 @@ pub(super) fn fit(input: FitInput<'_>, tried: Option<TriedPhysics>) -> Result<Fi
 
 type FittedOnFolds = ((PhysicsCalibration, Choice), Vec<Vec<u64>>);
 
-/// Fits the physics model, and assigns folds for its held-out errors, on which the priors do not depend.
+/// Fits the physics model, and assigns the folds for its held-out errors. The priors do not depend on these folds.
 fn fit_sample(
     rows: &TrainingRows,
     sample: ObservationSample,
@@ -172,9 +172,9 @@ impl ModelComparison {
     }
 
     /// Fits the physics model without each fold of the groups on which a polynomial was chosen, and compares the
-    /// errors. `None` without such a choice, or if there is little to gain: many groups, and held-out errors of the
-    /// polynomial hardly above those on its own rows. Without a physics model if its errors on the first folds are
-    /// far larger.
+    /// errors. Returns `None` if no polynomial was chosen, or if there is little to gain: many groups, and held-out
+    /// errors of the polynomial hardly above those on its training rows. Returns no physics model if its errors on
+    /// the first folds are far larger.
     pub(super) fn of(
         input: FitInput<'_>,
         choice: &ModelChoice,
@@ -182,7 +182,7 @@ impl ModelComparison {
         let options = input.options;
         let sums = choice.sums.as_ref().filter(|_| choice.selection.is_some());
         let sums = sums.and_then(GroupedSums::exact);
-        // If sums are of sets of groups, the rows of each set are unknown.
+        // If the sums are those of sets of groups, the rows of each set are unknown.
         let sums = sums.filter(|sums| sums.group_count == sums.groups.len());
         let Some(sums) = sums else { return Ok(None) };
         let labelled = input.labelled(options.held_out());
@@ -229,8 +229,8 @@ impl ModelComparison {
     }
 }
 
-/// Returns true for few groups, or a polynomial with far larger held-out errors. Blocks of time, with many loads
-/// each, are not few.
+/// Returns true for few groups, or if the polynomial errs far more on held-out groups than on its training rows.
+/// Blocks of time never count as few, because each has many loads.
 fn is_worth_trying(
     sums: &SumsByGroup,
     group_by: GroupBy,

@@ -158,7 +158,7 @@ fn check_copies(data: [&Dataset; 2], errors: [&RowErrors; 2]) -> Result<(), FitE
     Err(FitError::Copy { earlier, later })
 }
 
-/// 1 for an axis without errors.
+/// Root mean square errors of the fit; 1 for an axis without errors.
 fn root_mean_square(solution: &Solution) -> PerAxis<f64> {
     std::array::from_fn(|axis| {
         let square = solution.residual_products[(axis, axis)] / solution.rows as f64;

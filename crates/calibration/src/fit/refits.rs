@@ -30,16 +30,16 @@ use std::sync::LazyLock;
 pub(super) const MOST_ALONE: usize = 40;
 pub(super) const FOLDS: usize = 10;
 
-/// Most values in the R factors of groups held out alone: 200 MB, and twice that for those of all other groups.
+/// Most values in the R factors of groups that are held out alone: 200 MB, and twice that for the factors without each.
 const MOST_NUMBERS: usize = 25_000_000;
 
-/// Most rows on which families are compared, and most per feature of the largest family; the larger number counts.
-/// Rows of a group resemble each other: one in several is enough.
+/// Most rows on which families are compared, in total and per feature of the largest family; the larger number
+/// counts. Rows of a group resemble each other: one in several is enough.
 pub(super) const MOST_COMPARED: usize = 16_384;
 const ROWS_PER_FEATURE: usize = 64;
 
-/// Least squared errors, relative to the variances of the loads, that normal equations give with six digits: they
-/// are differences of sums as large as the loads.
+/// Smallest squared errors, relative to the variances of the loads, that normal equations give with six digits:
+/// such errors are differences of sums as large as the loads.
 const LEAST_SCORE: f64 = 1e-9;
 
 /// Number of folds of the random split that held-out errors are compared with, if no number is given.
@@ -53,7 +53,7 @@ pub fn random_split(folds: usize, seed: u64) -> RandomSplit {
 }
 
 /// Chooses the family of features by folds of groups, and the ridge if the options have none. Also returns the errors
-/// on each fold, if no row was left out and they are far above rounding errors.
+/// on each fold, if no row was left out and the errors are far above rounding.
 pub(super) fn select_by_normal_equations(
     data: &Dataset,
     options: &FitOptions<'_>,
@@ -92,8 +92,8 @@ pub(super) fn fold_of_groups(rows: &GroupedRows, folds: usize) -> Result<Vec<usi
 
 pub(super) type HeldOutFolds = Vec<PerAxis<HeldOutErrors>>;
 
-/// Finds errors on folds of groups and on random rows, unless memory terms tie rows together. `known` has the errors
-/// on [`selection::FOLDS`] folds, or on each group of fewer, if the choice of the model has found them.
+/// Finds errors on folds of groups and, unless memory terms tie rows together, on random rows. `known` has the errors
+/// on [`selection::FOLDS`] folds, or on each of fewer groups, if the choice of the model has found them.
 pub(super) fn cross_validate(
     data: &Dataset,
     held_out: HeldOut,
@@ -197,8 +197,8 @@ pub(super) struct Solved {
     pub(super) sums: Option<ExactSums>,
 }
 
-/// Solves by the requested solver, with the exact sums `total` if they exist. Solvers that need sizes before the
-/// first pass use `sample`.
+/// Solves by the requested solver, with the exact sums `total` if they exist. Solvers that need a scaling before the
+/// first pass take it from `sample`.
 pub(super) fn solve(
     problem: &PolynomialProblem,
     total: Option<&ExactSums>,
@@ -245,8 +245,8 @@ pub(super) fn check_sizes<'a>(
 }
 
 impl PolynomialProblem {
-    /// Errors on each of the first `held_out` groups without it: from R factors if the solver weights rows equally
-    /// and they have enough digits, else from the rows.
+    /// Errors, on each of the first `held_out` groups, of a fit without it. The fit comes from R factors if the solver
+    /// weights rows equally and the factors have enough digits, else from the rows.
     fn errors_without_each(
         &self,
         groups: &GroupedRows,

@@ -1,5 +1,5 @@
-//! The screen of a fit, in about twelve lines identical in the terminal, the report, the page and Python. A test has
-//! the same rows and words.
+//! The screen: a summary of a fit in about twelve lines, identical in the terminal, the report, the web page and
+//! Python. The screen of a test has the same rows and words.
 
 use super::examination::{FaultPlace, TestRatio};
 use super::outcome::Outcome;
@@ -15,7 +15,7 @@ const LABEL: usize = 7;
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Screen {
-    /// Verdict: use of the fit, or the reason against it.
+    /// Verdict: how to use the fit, or the reason not to use it.
     pub headline: String,
     pub header: Vec<String>,
     pub rows: Vec<Vec<String>>,
@@ -24,7 +24,7 @@ pub struct Screen {
 }
 
 impl Verdict<'_> {
-    /// `files` names the files that were written.
+    /// Creates the screen. `files` names the files that were written.
     pub fn screen(&self, files: &str) -> Screen {
         let (fit, test) = (self.fit, self.fit.test().quality());
         let error = match &self.unseen {
@@ -38,7 +38,7 @@ impl Verdict<'_> {
             let at = axis.index();
             let errors = self.unseen.as_ref().map_or(fit.train[at].rms, |of| of.rms[at]);
             let spread = self.unseen.as_ref().and_then(|of| of.spread).map_or(1.0, |of| of[at]);
-            // The share of held-out rows is told with `--verbose`.
+            // The share of held-out rows within the interval is shown with `--verbose`.
             let interval =
                 self.interval.as_ref().ok().map(|of| FrameInterval { held: None, ..*of });
             let range = fit.excitation.as_ref().map(|of| [of.axes[at].min, of.axes[at].max]);

@@ -15,7 +15,7 @@ use shell_data::wrench::{Axes, Axis, PerAxis};
 
 #[derive(Clone, Debug)]
 pub struct TestedCalibration<'a> {
-    /// Has the axes that were compared.
+    /// Calibration of the axes that were compared.
     pub calibration: &'a Calibration,
     pub promise: Option<Promise>,
     pub excitation: Option<&'a Excitation>,
@@ -23,7 +23,7 @@ pub struct TestedCalibration<'a> {
     pub quality: &'a PerAxis<AxisQuality>,
     pub interval: Option<FrameInterval>,
     pub examination: Examination,
-    /// A test log that it was fitted to.
+    /// Name of a test log that was used for the fit, if there is one.
     pub fitted_to: Option<String>,
 }
 
@@ -114,8 +114,8 @@ impl TestedCalibration<'_> {
     }
 }
 
-/// Mean half-width of the 95 % intervals, and share of rows within theirs, from a sample of the rows; `None` without
-/// standard errors. `factors`: half-widths in standard errors.
+/// Mean half-width of the 95 % intervals, and share of rows within their interval, from a sample of the rows. `None`
+/// without standard errors. `factors`: half-widths in standard errors.
 pub fn frame_interval(
     calibration: &Calibration,
     factors: &PerAxis<f64>,

@@ -9,8 +9,8 @@ use crate::validation::excitation::{Excitation, Gap};
 use sensor_physics::COVERAGE_LEVEL;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// An axis is useless if its error is a larger share of its loads, both as root mean squares, or of their range, of which
-/// an even spread has a standard deviation of 0.29.
+/// An axis is useless if its RMS error exceeds the first share of its RMS load, or the second share of the range of its
+/// loads. Evenly spread loads have a standard deviation of 0.29 ranges.
 const USELESS: f64 = 0.5;
 const USELESS_OF_RANGE: f64 = 0.25;
 
@@ -25,7 +25,7 @@ pub struct Verdict<'a> {
     pub(super) fit: &'a Fit,
     pub axes: Axes,
     pub unseen: Option<UnseenErrors>,
-    /// Interval that holds 95 % of single frames, or why it is not known.
+    /// Interval that holds 95 % of single frames, or the reason why it is not known.
     pub interval: Result<FrameInterval, String>,
     /// Axes whose error is about as large as the loads.
     pub useless: Axes,
@@ -51,16 +51,16 @@ pub enum UnseenRows {
         by: GroupBy,
         groups: usize,
         folds: usize,
-        /// True if the rows were not in order of time, so that every fold has similar rows on both sides.
+        /// True if the rows were not in order of time, so that rows similar to those of a fold remain in its fit.
         are_shuffled: bool,
     },
-    /// Test rows; holds their number.
+    /// Test rows, with their number.
     Test(u64),
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameInterval {
-    /// Half its width, N and N·m.
+    /// Half of the interval's width, N and N·m.
     pub half_width: PerAxis<f64>,
     /// The share of held-out rows within the interval, if they were counted.
     pub held: Option<PerAxis<f64>>,
@@ -139,7 +139,7 @@ impl Verdict<'_> {
         faults.filter(|fault| fault.place == place).map(|fault| fault.text.as_str()).next()
     }
 
-    /// Use of the fit, or the first reason against it.
+    /// Says how to use the fit, or the first reason not to use it.
     pub fn headline(&self) -> String {
         if let Some(reason) = self.reasons().first() {
             return format!("NOT OK{reason}");
@@ -263,8 +263,8 @@ fn unseen_errors(fit: &Fit) -> Option<UnseenErrors> {
 
 /// Mean standard error of unseen rows like the training rows, N and N·m; `None` if only sums of the rows are left.
 ///
-/// A training row of leverage h takes part in its own prediction, of variance s²·(1 + h). Without the row, it is
-/// s²/(1 − h) (Cook and Weisberg, Residuals and Influence in Regression, 1982, §2.2.1).
+/// A training row of leverage h takes part in the fit that predicts it, with variance s²·(1 + h). In a fit without the
+/// row, the variance is s²/(1 − h) (Cook and Weisberg, Residuals and Influence in Regression, 1982, §2.2.1).
 fn mean_standard_errors(fit: &Fit, residual_sd: &PerAxis<f64>) -> Option<PerAxis<f64>> {
     let every = fit.used.rows().div_ceil(ROWS_OF_INTERVAL).max(1) as usize;
     let mut readings = vec![Vec::new(); fit.calibration.columns()];
@@ -315,7 +315,7 @@ fn interval(fit: &Fit) -> Result<FrameInterval, String> {
     }
 }
 
-/// The next step: against a gap in the loads, or else the errors as shares of the range of loads, if known.
+/// Next step: fills the gap in the loads, or else lowers the largest of `shares`, the errors relative to load ranges.
 pub(super) fn next_words(
     gap: Option<&Gap>,
     shares: impl Iterator<Item = (Axis, f64)>,

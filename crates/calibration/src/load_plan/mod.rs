@@ -1,6 +1,6 @@
 //! Design of calibrations: the choice of the next load.
 //!
-//! A pose gives more information the less is known about its readings, which is computed before it is recorded:
+//! A pose gives the more information, the less is known about its readings. This is computed before it is recorded:
 //!
 //! | criterion | chosen load, among all that the rig can apply |
 //! |---|---|

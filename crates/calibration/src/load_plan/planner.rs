@@ -7,8 +7,8 @@ use shell_data::wrench::PerAxis;
 
 /// Number of terms: 1, w (6) and w·w (21).
 const TERMS: usize = 28;
-/// Prior variances of terms of first and second order, in variances of one pose, for loads in units of each axis's
-/// largest. Tenfold values hardly change the order.
+/// Prior variances of first- and second-order terms, in variances of one pose, for loads divided by the largest of each
+/// axis. Ten times larger values hardly change the order.
 const FIRST_ORDER: f64 = 1e4;
 const SECOND_ORDER: f64 = 25.0;
 /// Level of an interval of one standard error, for normal errors.
@@ -81,7 +81,7 @@ impl Surface {
         variance(&self.covariance, &self.terms(load)).ln_1p()
     }
 
-    /// Root mean variance of a response over some loads, in standard deviations of one pose.
+    /// Root of the mean variance of a response over some loads, in standard deviations of one pose.
     fn error(&self, range: &[PerAxis<f64>]) -> f64 {
         let variances = range.iter().map(|load| variance(&self.covariance, &self.terms(load)));
         (variances.sum::<f64>() / range.len().max(1) as f64).sqrt()
@@ -97,7 +97,7 @@ impl Surface {
     }
 }
 
-/// Physics model with covariances that include further loads of unknown readings.
+/// Physics model with covariances that include further loads, whose readings are not yet known.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SensorKnowledge {
     model: PhysicsModel,
@@ -167,7 +167,7 @@ impl SensorKnowledge {
                     pairs.for_each(|(sum, other)| *sum += share * other);
                 }
             }
-            // The prior makes it positive definite. If rounding spoils that, the mean leaves the load out.
+            // The prior makes the matrix positive definite. If rounding spoils this, the load adds nothing to the sum.
             if let Some(factor) = Cholesky::new(&information) {
                 let variances = factor.inverse();
                 sums.iter_mut().enumerate().for_each(|(axis, sum)| *sum += variances[axis][axis]);
@@ -182,7 +182,7 @@ impl SensorKnowledge {
     }
 }
 
-/// Most loads over which variances are averaged: more do not change any order.
+/// Most loads over which variances are averaged: more would not change any order.
 const MOST_OF_RANGE: usize = 120;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -315,7 +315,7 @@ impl<'a> Planner<'a> {
 impl Iterator for Planner<'_> {
     type Item = PlannedLoad;
 
-    /// Takes the most valuable of the remaining loads; the first of equals.
+    /// Takes the most valuable of the remaining loads; the first if several are equal.
     fn next(&mut self) -> Option<PlannedLoad> {
         let worths = self.worths();
         let best =

@@ -98,7 +98,7 @@ impl Replay {
         Ok(Self { poses, errors })
     }
 
-    /// Fewest poses from which on an order stays within `share` of the error with all poses, such as 0.15.
+    /// Number of poses from which on the error of an order exceeds that with all poses by `share` at most, e.g. 0.15.
     pub fn poses_within(&self, order: Order, share: f64) -> usize {
         let limit = (1.0 + share) * self.errors[0].last().copied().unwrap_or(f64::NAN);
         let errors = &self.errors[order as usize];
@@ -114,7 +114,7 @@ struct SplitReplay<'a> {
 }
 
 impl SplitReplay<'_> {
-    /// Errors with these numbers of poses, in an order that begins with the first `start`.
+    /// Errors with these numbers of poses, in an order that begins with the first `start` poses.
     fn errors(&self, order: Order, start: usize, counts: &[usize]) -> Result<Vec<f64>, FitError> {
         let mut taken: Vec<usize> = (0..start).collect();
         let mut errors = Vec::with_capacity(counts.len());

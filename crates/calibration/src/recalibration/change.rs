@@ -41,7 +41,7 @@ impl ChannelChange {
 }
 
 impl Change {
-    /// Applies the change to a calibration, without the intervals, which belong to the unchanged sensor.
+    /// Applies the change to a calibration. The result has no intervals, as these belong to the unchanged sensor.
     pub fn apply(&self, calibration: &Calibration) -> Calibration {
         let kind = match &calibration.kind {
             Kind::Polynomial(polynomial) => Kind::Polynomial(self.polynomial(polynomial)),

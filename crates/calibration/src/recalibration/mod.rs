@@ -44,7 +44,7 @@ impl ChangedQuantity {
     }
 }
 
-/// Larger differences after all changes, in stated errors, cannot come from changes of these kinds.
+/// RMS difference after all changes, in stated errors, above which changes of these kinds do not explain the loads.
 const CONTRADICTION: f64 = 2.0;
 
 /// Standard deviations of the widest priors: a zero as a share of the calibrated range of the
@@ -58,14 +58,14 @@ const TURN_RAD: f64 = 0.12;
 /// channel's range. One in 16,000 sensors would change so much.
 const IMPOSSIBLE: f64 = 4.0;
 
-/// Candidate shares of these widths: halves suffice, as scatter is known to some 30 % at best.
+/// Candidate prior widths, as shares of the widest: factors of two suffice, as scatter is known to some 30 % at best.
 const SHARES: [f64; 6] = [0.0, 0.0625, 0.125, 0.25, 0.5, 1.0];
 
-/// First shares in the search, and number of passes through all four.
+/// Share from which the search starts, and maximum number of passes through all four quantities.
 const FIRST_SHARE: f64 = 0.25;
 const SWEEPS: usize = 4;
 
-/// Least log evidence of a change. e⁶ is 400 to 1, because errors at a few loads are not white noise.
+/// Least log evidence for a change: odds of e⁶, or 400 to 1, because errors at a few loads are not white noise.
 const LEAST_LN_EVIDENCE: f64 = 6.0;
 
 /// A few loads on a calibrated sensor.
@@ -160,7 +160,7 @@ impl Calibration {
                 of.error_scale.iter().map(|scale| scale * scale).sum::<f64>() / 6.0
             }
         };
-        // Held-out errors decide if anything has changed, variances of readings what: a wrench hides some of it.
+        // Held-out errors decide if anything has changed. Variances of readings, which show more, then decide what.
         let cautious = ChangeSearch::new(self, loads, held_out_variance);
         let found = cautious.find(true);
         let outcome = match found.ln_evidence > LEAST_LN_EVIDENCE {

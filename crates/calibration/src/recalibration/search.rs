@@ -61,7 +61,7 @@ pub(super) struct FoundChange {
     pub(super) held_out: BTreeMap<u64, Change>,
     /// Log evidence.
     pub(super) ln_evidence: f64,
-    /// RMS of differences before and after the change, in stated errors; the second with priors.
+    /// RMS of differences before and after the change, in stated errors; the second includes the priors.
     pub(super) disagreement: [f64; 2],
     /// Quantity that would have changed more than in any sensor.
     pub(super) impossible: Option<ChangedQuantity>,
@@ -211,7 +211,7 @@ impl<'a> ChangeSearch<'a> {
         self.unknowns.iter().map(|of| shares[of.quantity as usize]).collect()
     }
 
-    /// Differences of each group, linear about `at`, and their sum.
+    /// Equations of the differences of each group, linearised at `at`, and the sum of all.
     fn equations(&self, at: &[f64]) -> (BTreeMap<u64, ChangeEquations>, ChangeEquations) {
         let here = self.whitened(at);
         let columns: Vec<Vec<Vec<f64>>> = (0..at.len())
@@ -276,7 +276,7 @@ impl<'a> ChangeSearch<'a> {
         all
     }
 
-    /// Observed minus predicted: the axes of the wrench, or the readings in calibrated ranges.
+    /// Observed minus predicted: the axes of the wrench, or the readings as shares of the calibrated range.
     fn differences(&self, change: &Change, some: &[&Observation]) -> Vec<Vec<f64>> {
         match &self.calibration.kind {
             Kind::Polynomial(polynomial) => {
@@ -373,7 +373,7 @@ fn covariance_of_readings(model: &PhysicsModel, wrench: &PerAxis<f64>) -> Mat<f6
     })
 }
 
-/// Reading that no gain changes (the converter's zero, if ever approached) and range of channels.
+/// For each channel, the reading that no gain changes (0 if the range comes near it, else its middle), and the range.
 fn channels(calibration: &Calibration) -> Vec<(f64, f64)> {
     let has_constant = calibration.polynomial().is_none_or(|it| it.model().intercept);
     let of_range = |[min, max]: [f64; 2]| {

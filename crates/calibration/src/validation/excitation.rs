@@ -16,7 +16,7 @@ use shell_data::wrench::{Axes, Axis, PerAxis};
 const SMALL_SHARE: f64 = 0.1;
 
 /// Longest plausible lever: a 10 cm shell has levers of a few cm, an arm of 1 m less than this.
-/// Longer ones mean moments in another unit.
+/// A longer lever means that the moments are in another unit.
 pub const LONGEST_LEVER_M: f64 = 2.0;
 
 const STRONG_CORRELATION: f64 = 0.9;
@@ -132,7 +132,7 @@ impl WrenchSums {
         self.rows += other.rows;
     }
 
-    /// `None` for zero rows.
+    /// Coverage of the axes; `None` for zero rows.
     pub fn excitation(&self) -> Option<Excitation> {
         if self.rows == 0 {
             return None;

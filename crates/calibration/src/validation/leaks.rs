@@ -1,10 +1,10 @@
 //! Check that test rows were not recorded at the poses of the training rows.
 //!
 //! A random split of one recording, or random group labels, leaves rows of every pose on both
-//! sides: the test error is a training error. A row counts as one of a pose if its load equals that
-//! of training rows within the last digit of the coarser file, and every reading is near theirs: a
-//! pose that is set up again reads differently. Rows may be in any order. A reference that flickers
-//! by more than its last digit hides leaks.
+//! sides: the test error is a training error. A row belongs to a training pose if its load equals the
+//! load of the pose within the last digit of the coarser file, and every reading is near those of the
+//! pose: a pose that is set up again reads differently. Rows may be in any order. A reference that
+//! flickers by more than its last digit hides leaks.
 
 use std::collections::HashMap;
 use std::iter::repeat_n;
@@ -19,10 +19,10 @@ const KEPT: usize = 4096;
 /// Number of rows that determine the number of digits of loads.
 const DIGIT_ROWS: usize = 256;
 
-/// Digits beyond which doubles cannot be distinguished.
+/// Maximum number of significant digits that are looked at.
 const MOST_DIGITS: i32 = 12;
 
-/// Loads of one file within this share of the range are equal: their sums may be in another order.
+/// Loads of one file within this share of the range count as equal: they may be sums in another order.
 const SAME: f64 = 1e-9;
 
 /// Fewest rows of a load that determine its readings.
@@ -30,7 +30,7 @@ const FEWEST_ROWS: usize = 4;
 
 const FEWEST_LOADS: usize = 3;
 
-/// Share of rows at poses of the training rows from which a test says nothing about new poses.
+/// Share of rows at training poses from which on a test says nothing about new poses.
 pub const LEAKY: f64 = 0.1;
 
 #[derive(Clone, Debug, Default)]
@@ -94,7 +94,7 @@ impl RowSample {
         sample
     }
 
-    /// Stride at which about as many of `rows` rows are taken as are kept.
+    /// Stride that takes about as many of `rows` rows as a sample keeps.
     pub fn stride(rows: u64) -> usize {
         // Odd, because rows often alternate in pairs.
         usize::try_from(rows / KEPT as u64).unwrap_or(usize::MAX) | 1
@@ -164,7 +164,7 @@ impl LastDigit {
     fn new(values: impl Iterator<Item = f64>) -> Self {
         let mut finest = Self { decimal: 1.0, digits: 1 };
         for value in values {
-            // Conversion of units leaves digits at the very end.
+            // Conversion of units leaves rounding errors in further digits.
             let text = format!("{value:.*e}", (MOST_DIGITS - 1) as usize);
             let (mantissa, exponent) = text.split_once('e').unwrap_or((&text, "0"));
             let mantissa = mantissa.trim_end_matches('0').trim_end_matches('.');
@@ -243,7 +243,7 @@ fn spans<'a>(rows: impl Iterator<Item = &'a SampledRow>) -> Vec<ReadingSpan> {
     spans
 }
 
-/// Returns true if every reading is within its range, widened by its width and by `slack`.
+/// Returns true if every reading is within its span, widened on each side by the width of the span and `slack`.
 fn have(spans: &[ReadingSpan], row: &SampledRow, slack: f64) -> bool {
     spans.iter().zip(&row.readings).all(|(&[least, most], reading)| {
         let width = most - least + slack;
@@ -251,7 +251,7 @@ fn have(spans: &[ReadingSpan], row: &SampledRow, slack: f64) -> bool {
     })
 }
 
-/// Share of rows whose pose is in several groups; `None` without poses. Random labels: nearly 1.
+/// Share of rows whose pose is in several groups, nearly 1 for random labels; `None` without poses.
 pub fn share_in_several_groups(data: &Dataset) -> Option<f64> {
     Some(RowSample::from_groups(data).poses()?.share_in_several_groups())
 }

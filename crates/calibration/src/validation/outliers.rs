@@ -54,18 +54,18 @@ pub const LIMIT: f64 = 10.0;
 /// Limit for the distance of a reading from its mean, in standard deviations.
 const FAR: f64 = 8.0;
 
-/// Sizes from which a row is tested: the leverage in the test takes time.
+/// Sizes above which a row is tested; the leverage in the test takes time.
 const LOOK_AT_ERROR: f64 = 3.6;
 const LOOK_AT_READING: f64 = 4.5;
 
-/// Limits for a row that dominates a fit: leverage, the same in averages, jump from both neighbours
-/// in standard deviations, size of the error.
+/// Limits for a row that dominates a fit: leverage, leverage in multiples of the average, jump from both
+/// neighbours in standard deviations, size of the error.
 const TAKES_OVER: f64 = 0.5;
 const TAKES_OVER_IN_AVERAGES: f64 = 20.0;
 const JUMP: f64 = 2.0;
 const SIZE_WITH_JUMP: f64 = 3.0;
 
-/// Limits for a spike: jump from both neighbours, in deviations of channel changes; error size.
+/// Limits for a spike: jump from both neighbours, in standard deviations of the channel's changes; error size.
 const SPIKE: f64 = 6.0;
 const SIZE_WITH_SPIKE: f64 = 4.0;
 
@@ -100,7 +100,7 @@ pub struct TestedRow {
     far: f64,
     /// True if that reading is also far from both neighbours.
     is_far_alone: bool,
-    /// A reading jumps from both neighbours, and the leverage is high enough to dominate the fit.
+    /// True if a reading jumps from both neighbours, and the leverage is high enough to dominate the fit.
     takes_over: bool,
     /// True if a reading jumps from both neighbours by more than usual, and the error is large.
     is_spike: bool,
@@ -153,9 +153,8 @@ impl<'a> RowTest<'a> {
         sizes.fold(0.0, f64::max)
     }
 
-    /// Finds the rows of a block to test: a large error, a far reading, a jump or a spike. Public
-    /// functions here are not generic, because those are compiled with their callers, perhaps for
-    /// size.
+    /// Finds the rows of a block to test: a large error, a far reading, a jump or a spike. Public functions here
+    /// are not generic, because generic ones are compiled with their callers, perhaps optimised for size.
     pub fn suspects(&self, block: &Block, predicted: &PerAxis<Vec<f64>>) -> Vec<usize> {
         let excess = row_excess(self, predicted, block);
         excess.iter().enumerate().filter(|(_, excess)| **excess > 1.0).map(|(row, _)| row).collect()
@@ -272,7 +271,7 @@ fn copy_rows(rows: &[usize], block: &Block) -> (Block, Vec<TestPosition>) {
 }
 
 vectorised! {
-    /// Largest ratio of errors, distances from the mean and jumps to the limits of a test.
+    /// Largest ratio, in each row, of errors, distances from the mean and jumps to the limits above which it is tested.
     fn row_excess(test: &RowTest<'_>, predicted: &PerAxis<Vec<f64>>, block: &Block) -> Vec<f64> {
         let mut excess = vec![0.0; block.rows];
         for (axis, (predicted, measured)) in predicted.iter().zip(&block.wrench).enumerate() {
@@ -303,7 +302,7 @@ vectorised! {
     }
 }
 
-/// Raises `excess` to `to`. If a limit is zero, zero in its units is NaN and raises nothing.
+/// Raises `excess` to `to`. If a limit is zero, a value of zero gives NaN, which raises nothing.
 #[inline(always)]
 fn raise(excess: &mut f64, to: f64) {
     *excess = if to > *excess { to } else { *excess };

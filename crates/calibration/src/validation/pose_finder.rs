@@ -1,15 +1,15 @@
 //! Groups in a recording without named ones: poses, which are rows of constant load, or rows between
 //! jumps of its clock.
 //!
-//! A row continues a pose if every axis is within a [step](Steps) of the pose's mean. Rows that leave it start
-//! another as soon as [`FEWEST_ROWS`] of them agree; if the load returns before, they remain. Rows between two
-//! poses belong to the first. Neighbours are merged if they differ by less than [`SAME_POSE`] of the range of
-//! every axis. A clock that restarts ends a pose.
+//! A row continues a pose if every axis is within a [step](Steps) of the pose's mean. Rows that leave a pose start
+//! another one as soon as [`FEWEST_ROWS`] of them agree; if the load returns before, they remain in the pose. Rows
+//! between two poses belong to the first. Neighbouring poses are merged if they differ by less than [`SAME_POSE`] of
+//! the range of every axis. A clock that restarts ends a pose.
 //!
-//! A pose is steady if it has [`FEWEST_ROWS`] and a line through its rows rises by no more than half a step, or
-//! twice [`SAME_POSE`], unlike motion. A recording consists of poses if [`FEWEST_POSES`] are steady, these
-//! hold [`STEADY_SHARE`] of the rows, and the variance within them is at most [`WITHIN_SHARE`] of that of the loads.
-//! Memory grows with the poses alone.
+//! A pose is steady, not in motion, if it has [`FEWEST_ROWS`] and a line through its rows rises by no more than half a
+//! step, or twice [`SAME_POSE`] of the range. A recording consists of poses if [`FEWEST_POSES`] are steady, these hold
+//! [`STEADY_SHARE`] of the rows, and the variance within them is at most [`WITHIN_SHARE`] of that of the loads.
+//! Memory grows with the number of poses only.
 
 use shell_data::statistics::{MergeWeights, extremes};
 
@@ -30,19 +30,19 @@ pub const WITHIN_SHARE: f64 = 0.05;
 /// Consecutive poses are merged if they differ by less than this share of the range on every axis.
 pub const SAME_POSE: f64 = 0.01;
 
-/// Limits for a step, the largest of: this many standard deviations of the noise, this many times the difference that
-/// 85 % of consecutive rows keep within, and half of [`SAME_POSE`]. A reference that flickers by its last digit
-/// makes none.
+/// A step is the largest of: this many standard deviations of the noise, this many times the difference that 85 % of
+/// consecutive rows keep within, and half of [`SAME_POSE`] of the range. A reference that flickers by its last digit
+/// makes no step.
 const STEP_IN_NOISE: f64 = 8.0;
 const STEP_IN_FLICKER: f64 = 4.0;
 const FLICKER_SHARE: f64 = 0.85;
 
-/// A clock jumps by this many median intervals back, or forward if that is a second or more.
+/// A clock jumps if it goes back by this many median intervals, or forward by this many and at least a second.
 const BACK_IN_INTERVALS: f64 = 10.0;
 const FORWARD_IN_INTERVALS: f64 = 100.0;
 const FORWARD_S: f64 = 1.0;
 
-/// Least ratio of the lengths of poses to those of steady rows in slow motion.
+/// Steady rows are slow motion, not a pose, if they are fewer than those of usual poses by this factor.
 const SHORT: u64 = 4;
 
 /// Limits for a step of the load and for a jump of the clock.
@@ -62,7 +62,7 @@ impl<const N: usize> Steps<N> {
             // The median of |x₁ − x₂| is 0.6745·√2 standard deviations of x.
             let noise = quantile(&mut sizes, 0.5) / (0.674_489_75 * std::f64::consts::SQRT_2);
             let flicker = quantile(&mut sizes, FLICKER_SHARE);
-            // Excludes the ends, because a stray is not part of the range.
+            // Excludes the extremes, because a stray row is not part of the range.
             let mut loads = column.to_vec();
             let range = quantile(&mut loads, 0.99) - quantile(&mut loads, 0.01);
             (STEP_IN_NOISE * noise).max(STEP_IN_FLICKER * flicker).max(0.5 * SAME_POSE * range)

@@ -1,4 +1,4 @@
-//! From exact sums to coefficients.
+//! Coefficients from exact sums, in four steps.
 //!
 //! 1. Rank, in integers (see [`rank`](super::rank)).
 //! 2. With an intercept, the origin of each channel is moved to its mean, rounded to an integer: an
@@ -86,19 +86,19 @@ impl ExactSums {
         self.readings[self.layout.position(Term::product(&[channel]), Term::INTERCEPT)]
     }
 
-    /// Smallest exponent of two such that no reading is farther from `centre`.
+    /// Exponent of the smallest power of two that no reading exceeds in distance from `centre`.
     pub(crate) fn reach(&self, channel: usize, centre: i64) -> i32 {
         let range = &self.channels[channel];
         let reach = (range.highest - centre).max(centre - range.lowest).max(1);
         (reach as u64).next_power_of_two().ilog2() as i32
     }
 
-    /// N² or (N·m)²; NaN over zero rows.
+    /// Variance of the loads, N² or (N·m)²; NaN over zero rows.
     pub fn variance(&self, axis: Axis) -> f64 {
         self.total_square(axis.index()) / self.rows as f64
     }
 
-    /// N² or (N·m)²; NaN over zero rows.
+    /// Mean square of the loads, N² or (N·m)²; NaN over zero rows.
     pub fn mean_square(&self, axis: usize) -> f64 {
         let square = &self.squares[pair(axis, axis)];
         round_scaled(&square.values[0], square.exponent).to_f64() / self.rows as f64
@@ -253,7 +253,7 @@ impl<'a> IntegerEquations<'a> {
         residual
     }
 
-    /// Coefficients of each axis for unscaled columns as integers, and the exponents of units.
+    /// Exponents of units, and the coefficients of each axis for unscaled columns as integers in these units.
     fn integers(&self, coefficients: &[AxisRow]) -> ([i32; 6], PerAxis<Vec<BigInt>>) {
         let mut units = [0; 6];
         let integers = std::array::from_fn(|axis| {
@@ -319,7 +319,7 @@ impl<'a> IntegerEquations<'a> {
         });
         let residual_product = |a: usize, b: usize| {
             let product = shifted(residuals[a.min(b)][a.max(b)], axes[a] + axes[b]).to_f64();
-            // With no residual left, rounding may make it negative.
+            // With no residual left, rounding may make the product negative.
             if a == b { product.max(0.0) } else { product }
         };
         let solution = Solution {
@@ -365,7 +365,7 @@ fn penalised_residuals(
         .collect()
 }
 
-/// Condition number with columns of norm one, to six digits: others depend on vector width.
+/// Condition number with columns of norm one, to six digits: further digits depend on the vector width.
 fn condition(cholesky: &Bordered) -> f64 {
     let size = cholesky.size;
     let mut r = Mat::<f64>::zeros(size, size);

@@ -15,7 +15,7 @@ use crate::solution::Solution;
 use shell_data::block::Block;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Rows reduced to the R factor of their features, including a constant, and wrench.
+/// Rows reduced to the R factor of their features, including a constant, and of their wrench.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FactoredRows {
     pub(super) features: Features,
@@ -168,13 +168,13 @@ impl FactoredRows {
         Some(std::array::from_fn(|axis| errors[axis].quality(variances[axis] * rows)))
     }
 
-    /// Squares of N and N·m.
+    /// Mean squares of the loads, N² and (N·m)².
     pub fn mean_squares(&self) -> PerAxis<f64> {
         let nothing = Mat::zeros(self.features.len(), Axis::ALL.len());
         self.errors_of(nothing.as_ref()).map(|of| of.rms().powi(2))
     }
 
-    /// Squares of N and N·m.
+    /// Variances of the loads, N² and (N·m)².
     pub fn load_variances(&self) -> PerAxis<f64> {
         let (p, rows) = (self.features.len(), self.rows().max(1) as f64);
         let nothing = Mat::zeros(p, Axis::ALL.len());

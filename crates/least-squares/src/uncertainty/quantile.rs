@@ -9,8 +9,8 @@ pub(super) fn normal_quantile(level: f64) -> f64 {
 
 /// The size below which a fraction `level` of magnitudes with Student's t distribution lies.
 pub fn student_quantile(level: f64, degrees_of_freedom: f64) -> f64 {
-    /// Above this number, the series is exact to 10⁻¹⁵. The search for the quantile loses digits on its flat function
-    /// (three remain at 4·10⁶ degrees) and eventually does not terminate.
+    /// Number of degrees above which the series is exact to 10⁻¹⁵. There, the distribution is too flat for a search
+    /// for the quantile: it loses digits (three remain at 4·10⁶ degrees) and eventually does not terminate.
     const MANY: f64 = 1e5;
     if degrees_of_freedom > MANY {
         // Abramowitz & Stegun, 26.7.5.
@@ -25,7 +25,7 @@ pub fn student_quantile(level: f64, degrees_of_freedom: f64) -> f64 {
 /// The value below which a fraction `level` of the ratios of two mean squares lies, with these degrees of freedom of
 /// the numerator and of the denominator, one or more each. Infinity is possible for the denominator.
 pub fn fisher_quantile(level: f64, numerator: f64, denominator: f64) -> f64 {
-    /// From this number on, the denominator's mean square is taken for the variance.
+    /// Number of degrees from which on the mean square of the denominator counts as the exact variance.
     const MANY: f64 = 1e5;
     let numerator = numerator.clamp(1.0, MANY);
     if denominator >= MANY {

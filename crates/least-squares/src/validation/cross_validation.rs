@@ -15,7 +15,7 @@ pub const SUSPICIOUS_RATIO: f64 = 2.0;
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct HeldOutQuality {
     pub rms: f64,
-    /// Mean, predicted minus measured.
+    /// Mean error, predicted minus measured.
     pub bias: f64,
 }
 
@@ -25,10 +25,10 @@ impl From<HeldOutErrors> for HeldOutQuality {
     }
 }
 
-/// Errors on the groups of a fold, by a fit without it.
+/// Errors, on the groups of a fold, of a fit without that fold.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FoldErrors {
-    /// Labels of its groups.
+    /// Labels of the groups of the fold.
     pub labels: Vec<String>,
     pub errors: PerAxis<HeldOutErrors>,
 }
@@ -37,14 +37,14 @@ pub struct FoldErrors {
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct CrossValidation {
     pub groups: usize,
-    /// Each held out once; as many as groups in leave-one-group-out.
+    /// Number of folds, each held out once; equal to `groups` in leave-one-group-out.
     pub folds: usize,
     pub rows: u64,
     /// Groups without which the model cannot be fitted; `grouped` excludes them.
     pub undetermined: Vec<String>,
     #[serde(with = "shell_data::by_axis")]
     pub grouped: PerAxis<HeldOutQuality>,
-    /// Random parts of the rows held out in turn; 0 without any.
+    /// Number of random parts of the rows, held out in turn; 0 without any.
     pub random_folds: usize,
     /// Errors on rows held out at random; `None` if not requested or not possible.
     #[serde(with = "shell_data::by_axis::option")]
@@ -105,8 +105,8 @@ impl CrossValidation {
         Self { by_fold: Vec::new(), ..self }
     }
 
-    /// Factor between the errors of a new fold and the mean that holds with 95 % probability, from the scatter of
-    /// folds; `None` for one.
+    /// Upper end of the 95 % interval of the errors of a new fold, relative to the mean error, from the scatter of
+    /// folds; `None` for a single fold.
     pub fn spread(&self) -> Option<PerAxis<f64>> {
         let n = self.by_fold.len() as f64;
         if n < 2.0 {
@@ -140,7 +140,7 @@ impl CrossValidation {
 }
 
 /// Fits `model` without each group, or each of `folds` folds of groups (see [`assign_groups`]), and without random
-/// rows, and computes the errors there. `ridge` is as in [`ExactSums::solve`].
+/// rows, and computes the errors on what is left out. `ridge` is as in [`ExactSums::solve`].
 ///
 /// # Errors
 /// [`FitError`] if there are too few groups, or no fold leaves enough rows to fit.

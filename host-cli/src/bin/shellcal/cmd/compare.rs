@@ -23,7 +23,7 @@ pub(super) struct ComparedCalibrations<'a> {
 }
 
 impl ComparedCalibrations<'_> {
-    /// Compares both on logs that neither was fitted to.
+    /// Compares both calibrations on the logs, with a warning for each log that one of them was fitted to.
     pub(super) fn run(
         &self,
         mut logs: Vec<Log>,
@@ -84,7 +84,7 @@ impl ComparedCalibrations<'_> {
         Ok(outcome)
     }
 
-    /// Each log that a calibration was fitted to, after the path of the calibration.
+    /// Pairs: the path of a calibration, and a log that it was fitted to.
     fn trained_on(&self, data: &Dataset) -> Vec<(String, String)> {
         let of = |(path, file): (&InputPath, &CalibrationFile)| {
             let path = path.display().to_string();

@@ -220,7 +220,7 @@ pub(super) fn is_trained_on(log: &LogRows, sources: &[SourceFile]) -> bool {
     })
 }
 
-/// Notes axes that are not compared; requested axes fail later.
+/// Notes the axes that are not compared. Requested axes among them fail later.
 fn note_axes(
     printer: &Printer,
     (logs, measured): (&[Log], &[Axes]),
@@ -240,7 +240,7 @@ fn note_axes(
     }
 }
 
-/// Faults of some rows, given with the names of their channels, and their errors compared with the promised ones.
+/// Finds faults of test rows, and compares their errors with the promised ones. `names` are those of the channels.
 fn examine(
     calibration: &Calibration,
     promise: Option<&Promise>,

@@ -71,14 +71,14 @@ fn parse_folds(text: &str) -> Result<HeldOut, &'static str> {
     }
 }
 
-/// Partial fits whose sums are kept, to compare them with each other; any number is merged in flat memory.
+/// Most partial fits whose sums are kept for comparison with each other. Any number is merged in constant memory.
 const MOST_COMPARED: usize = 100;
 
 struct Merged {
     sum: PartialFit,
     read: usize,
     skipped: usize,
-    /// Partial fits that contradict the others, in words.
+    /// Descriptions of the partial fits that contradict the others.
     contradictions: Vec<String>,
 }
 
