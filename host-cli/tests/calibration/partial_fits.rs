@@ -372,7 +372,6 @@ fn partial_fits_pass_through_pipes() {
     assert!(refused(&dir, "fit 1.csv --partial - --json").contains("leave out `--json`"));
 }
 
-#[cfg(target_os = "linux")]
 #[test]
 fn a_partial_fit_that_contradicts_the_others_is_named() {
     let dir = tempfile::tempdir().unwrap();
@@ -417,6 +416,7 @@ fn a_partial_fit_that_contradicts_the_others_is_named() {
 }
 
 /// Memory holds the sum, one partial fit and the first hundred, while 10,000 are 34 MB of text.
+#[cfg(target_os = "linux")]
 #[test]
 fn ten_thousand_partial_fits_are_merged_in_flat_memory() {
     use std::io::Write;
