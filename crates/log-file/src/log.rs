@@ -86,8 +86,8 @@ impl Log {
     }
 
     /// Opens a log with a `companion`, whose columns follow those of the log, row by row. If both have a wrench, the
-    /// companion's is used. If neither file has names and nothing is specified, the log has readings and the companion
-    /// the wrench.
+    /// companion's is used. If neither file has names and nothing is specified, the log has readings and the
+    /// companion's six columns are the wrench.
     ///
     /// # Errors
     /// Errors of [`Log::open`] for either file, and [`LogError::RowMismatch`] if the numbers of rows or their times
@@ -198,7 +198,7 @@ impl Log {
         &self.layout.decisions
     }
 
-    /// Returns the time in s after which the clock wraps around, and the event in words; `None` if it never does.
+    /// Returns the time in s after which the clock wraps around, and the event in words; `None` if it cannot.
     pub fn clock_turn(&self) -> Option<(f64, &'static str)> {
         let column = &self.layout.columns[self.layout.roles.time?];
         let (turn, event) = self.layout.clock()?.turn();

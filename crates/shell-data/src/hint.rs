@@ -1,5 +1,5 @@
 //! Hints on how to fix an error: the flag, the file or the column. They are defined next to their errors. An error that
-//! only wraps another error returns its hint.
+//! only wraps another error returns the hint of that error.
 
 use std::error::Error;
 use std::fmt::Display;

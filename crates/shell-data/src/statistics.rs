@@ -44,8 +44,8 @@ pub fn extremes(values: impl IntoIterator<Item = f64>) -> (f64, f64) {
     values.into_iter().fold(none, |(least, greatest), x| (least.min(x), greatest.max(x)))
 }
 
-/// Weights of the differences between the means of two sets when their means and sums of products are merged: `mean +=
-/// (b − a)·weights.mean`, `Σ(x − x̄)(y − ȳ) += (b_x − a_x)·(b_y − a_y)·weights.product`.
+/// Weights of the differences between the means of two sets when their means and sums of products are merged:
+/// `mean += (b − a)·weights.mean`, `Σ(x − x̄)(y − ȳ) += (b_x − a_x)·(b_y − a_y)·weights.product`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MergeWeights {
     /// `m / (n + m)`.

@@ -178,7 +178,7 @@ impl ArrayNumbers {
     }
 }
 
-/// Fewest rows for which an array may lack the last row.
+/// An array may lack the last row only if the log has more rows than this.
 const FEW_ROWS: usize = 10;
 
 /// Transposes matrices whose columns run along time. Such matrices have as many columns as a vector has values. Without

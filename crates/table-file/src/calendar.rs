@@ -1,7 +1,7 @@
 //! Dates and times of the Gregorian calendar, in ISO 8601 and in seconds since 1970.
 
-/// Parses a date and time in ISO 8601 into seconds since 1970-01-01T00:00:00Z: `2026-03-01T12:00:00.25Z`, `2026-03-01
-/// 12:00:00,25+01:00`. A text without an offset is read as UTC.
+/// Parses a date and time in ISO 8601 into seconds since 1970-01-01T00:00:00Z: `2026-03-01T12:00:00.25Z`,
+/// `2026-03-01 12:00:00,25+01:00`. A text without an offset is read as UTC.
 ///
 /// Returns `None` if the text is not a date and time. The integer part is exact, and the sum is rounded once.
 pub fn seconds_of_iso(text: &str) -> Option<f64> {

@@ -145,7 +145,7 @@ fn measured(name: &str, format: LogFormat) -> Option<(Meaning, StatedUnit)> {
         if let Some(unit) = Unit::parse(suffix, quantity) {
             return Some((meaning, StatedUnit::Known(unit)));
         }
-        // A moment in N or a force in N·m is a mistake; a suffix without a unit is part of the name.
+        // A moment in N or a force in N·m is a mistake; a suffix that is not a unit is part of the name.
         let is_load = |of| quantity != Quantity::Time && Unit::parse(suffix, of).is_some();
         [Quantity::Force, Quantity::Moment]
             .into_iter()

@@ -119,8 +119,8 @@ pub(crate) fn without_brackets(line: &str) -> String {
 
 const MARKS: [char; 5] = [' ', '\t', ',', ';', '|'];
 
-/// Returns labels and values, if the line consists of them. A unit after a value becomes part of its label: `Reading:
-/// 1.5 lbs` is the column `Reading (lbs)`.
+/// Returns labels and values, if the line consists of them. A unit after a value becomes part of its label:
+/// `Reading: 1.5 lbs` is the column `Reading (lbs)`.
 pub(crate) fn labelled(line: &str) -> Option<Vec<(String, String)>> {
     let (mut rest, mut pairs) = (line.trim_matches(MARKS), Vec::new());
     // Scales print a number and its unit.

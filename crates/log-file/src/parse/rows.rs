@@ -199,8 +199,8 @@ impl RowPlan {
             match self.parse_line(line, parsed) {
                 None => parsed.pass_lines(1),
                 Some(Ok(())) => parsed.rows += 1,
-                // A writer that was killed or lost power leaves a cut-off last row. This is no error. A frame without a
-                // sample of the reference is none, either.
+                // A writer that was killed or lost power leaves a cut-off last row. Neither this nor a frame without a
+                // sample of the reference is an error.
                 Some(Err(problem)) if is_skipped(&problem) => {
                     parsed.skip(at, problem);
                     parsed.pass_lines(1);
