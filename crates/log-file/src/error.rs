@@ -35,13 +35,13 @@ pub enum LogError {
     Empty(PathBuf),
     #[error("`{}` has a header but no rows", .0.display())]
     NoRows(PathBuf),
-    /// The column of the condition that removes most rows, and values in it.
+    /// No row meets all conditions. `column` belongs to the condition that removes most rows; `found` are its values.
     #[error("no row of `{}` meets all conditions", path.display())]
     NoneChosen { path: PathBuf, column: String, found: Vec<String> },
-    /// A group or another value is left out that no row has.
+    /// The value to exclude, such as a group, occurs in no row.
     #[error("`{}`: column `{column}` has no `{value}` to leave out", path.display())]
     NoneExcluded { path: PathBuf, column: String, value: String, found: Vec<String> },
-    /// More rows are invalid than are skipped without a request. `position` and `problem` are of the first.
+    /// More rows are invalid than are skipped by default. `position` and `problem` describe the first invalid row.
     #[error(
         "`{}`: {skipped} of {rows} rows are wrong, {class}; the first at {position}: {problem}",
         path.display()
@@ -75,8 +75,8 @@ pub enum PlacedProblem {
     /// Lines end with a carriage return alone, which no program has written for decades.
     #[error("lines end with a carriage return and no line feed")]
     CarriageReturns,
-    /// Numbers without a header, in a number of columns that no known layout has; `time` is the column, from 1, that
-    /// counts seconds since 1970, or the first if it rises.
+    /// The rows have no header, and no known layout has as many columns. `time` is the probable time column, from 1:
+    /// one with seconds since 1970, or the first if it rises.
     #[error(
         "{columns} columns and no header, expected 15 (time, 8 sensors, wrench) or 12 (2 others, time, \
          wrench, motion)"
@@ -95,7 +95,7 @@ pub enum PlacedProblem {
         if found.is_empty() { "none".to_owned() } else { quoted(found, ", ") }
     )]
     MissingColumns { missing: Vec<String>, found: Vec<String> },
-    /// The file has the column, but it cannot be one of the table.
+    /// The file has the column, but the table leaves it out for the reason `why`.
     #[error("column `{column}` is left out: {why}")]
     LeftOutColumn { column: String, why: String },
     #[error("column `{column}`: the unit `{unit}` of its {} is not understood", match quantity {
@@ -104,13 +104,13 @@ pub enum PlacedProblem {
         _ => "time",
     })]
     UnknownUnit { column: String, unit: String, quantity: Quantity },
-    /// A load states no unit, beside another that states one.
+    /// One load has no unit, while another of the same kind has a unit other than N or N·m.
     #[error("column `{}` has no unit, and `{}` is in {unit}", columns[0], columns[1])]
     UnitOfSome { columns: Box<[String; 2]>, unit: String, is_moment: bool },
-    /// Times are integers whose median `step` leaves two units possible.
+    /// The times are integers whose median `step` suits two units.
     #[error("the time unit of column `{column}` is not known; it grows by `{step}` a row")]
     UnclearTimeUnit { column: String, step: f64 },
-    /// A number whose point or comma is decimal or between thousands.
+    /// The point or comma in `number` may be a decimal mark or separate thousands.
     #[error("column `{column}`: the mark in `{number}` is decimal or between thousands")]
     UnclearMark { column: String, number: String },
     #[error("column `{column}`: the date `{date}` begins with its day or with its month")]
@@ -344,12 +344,12 @@ pub enum RowProblem {
     Field { column: usize, name: String, problem: FieldProblem, found: String },
     #[error("expected {expected} columns, found {found}")]
     ColumnCount { expected: usize, found: usize },
-    /// The names of columns in the middle of a log, other than at its start.
+    /// A line in the middle of a log names other columns than its head.
     #[error("the names of other columns than in line {0}: two logs were put together")]
     OtherNames(u64),
     #[error("expected a closing quote on the same line")]
     OpenQuote,
-    /// A payload begins like a scan, but is not one.
+    /// A payload begins like a scan, but cannot be decoded.
     #[error("expected a scan of {SCAN_LEN} bytes (0 to 255) with readings below 4096, found `{0}`")]
     Payload(String),
 }

@@ -50,8 +50,8 @@ fn check_times(first: &Log, second: &Log) -> Result<(), LogError> {
     }
 }
 
-/// Returns the columns that tell the time of a table: the clock, its parts, and others that are called dates or times.
-/// `None` without a clock.
+/// Returns the columns that may hold the time: the clock, its parts, and other columns with a date or time in their
+/// name. `None` without a clock.
 fn clock_columns(columns: &[Column], roles: &ColumnRoles) -> Option<Vec<usize>> {
     let clock = roles.time?;
     let is_called =
@@ -86,12 +86,12 @@ impl Log {
     }
 
     /// Opens a log with a `companion`, whose columns follow those of the log, row by row. If both have a wrench, the
-    /// companion's is taken. If neither file has names and nothing is specified, the log has readings and the
+    /// companion's is used. If neither file has names and nothing is specified, the log has readings and the
     /// companion's six columns are the wrench.
     ///
     /// # Errors
-    /// Errors of [`Log::open`] for either file, and [`LogError::RowMismatch`] if their rows do not match or are at
-    /// other times.
+    /// Errors of [`Log::open`] for either file, and [`LogError::RowMismatch`] if the numbers of rows or their times
+    /// differ.
     pub fn open_with_companion(
         path: &Path,
         companion: &Path,
@@ -99,7 +99,7 @@ impl Log {
     ) -> Result<Self, LogError> {
         let source = LogSource::new(path, mapping.table.as_deref())?;
         let companion = LogSource::new(companion, None)?;
-        // Each file by itself, as far as it is a log.
+        // Opens each file by itself, in case it is a log.
         let alone = Mapping {
             header_line: mapping.header_line,
             skip_lines: mapping.skip_lines,
@@ -156,8 +156,8 @@ impl Log {
             let problem = PlacedProblem::LayoutMismatch { format, expected: 9, found };
             return Err(source.error_at(1, problem));
         }
-        // If a column is called a time, its values are enough to recognise the log. Without one, a date may be in any
-        // column that does not hold floating-point numbers.
+        // If a name says which column is the time, only its values are needed to recognise the log. Otherwise, any
+        // column that does not hold floating-point numbers may have dates.
         let shown = table.and_then(|table| {
             let names = table.names()?;
             let may_tell =
@@ -198,7 +198,7 @@ impl Log {
         &self.layout.decisions
     }
 
-    /// Returns the time in s after which the clock wraps around, if it may, and the event in words.
+    /// Returns the time in s after which the clock wraps around, and the event in words; `None` if it cannot.
     pub fn clock_turn(&self) -> Option<(f64, &'static str)> {
         let column = &self.layout.columns[self.layout.roles.time?];
         let (turn, event) = self.layout.clock()?.turn();
@@ -221,9 +221,9 @@ impl Log {
         positions.map(|&position| self.layout.columns[position].name.as_str()).collect()
     }
 
-    /// Describes the sensor columns in channel order, then the wrench columns. Columns that `mapping` specifies have
-    /// their name in the log or else their position, recognised columns their usual name. A moment unit that
-    /// `mapping` specifies is appended to the moments.
+    /// Describes the sensor columns in channel order, then the wrench columns. A column that `mapping` specifies is
+    /// described by its name in the log, or else its position; a recognised column by its usual name. A moment unit
+    /// that `mapping` specifies is appended to the moments.
     pub fn specified_values(&self, mapping: &Mapping) -> Vec<String> {
         let FileLayout { columns, roles, .. } = &self.layout;
         let mapping = mapping.for_columns(&self.column_names());
@@ -262,7 +262,7 @@ impl Log {
         };
         let sensors =
             mapping.sensors.and_then(|_| roles.sensors.iter().map(|&at| name(at)).collect());
-        // All axes or none: a column without a unique name could not be found in another log.
+        // If any axis has no unique name, no axis is named, because another log could not be read completely.
         let wrench: PerAxis<Option<String>> = roles.wrench.map(|position| position.and_then(name));
         let all_have = wrench.iter().zip(&roles.wrench).all(|(n, at)| n.is_some() == at.is_some());
         let wrench = mapping.wrench.and(Some(wrench)).filter(|_| all_have);
@@ -292,7 +292,7 @@ impl Log {
         .collect()
     }
 
-    /// Returns true if the companion's wrench is taken in place of the log's own.
+    /// Returns true if the companion's wrench replaces the log's own.
     pub fn replaces_wrench(&self) -> bool {
         self.replaces_wrench
     }
@@ -374,8 +374,8 @@ impl Log {
         }
     }
 
-    /// Returns true if equal consecutive readings are one frame, because the robot's telemetry is faster than the
-    /// sensor. In other formats they may be real samples.
+    /// Returns true if equal consecutive readings are one frame, as in robot telemetry, which is faster than the
+    /// sensor. In other formats, they may be separate samples.
     pub fn repeats_are_stale(&self) -> bool {
         self.layout.header.format == LogFormat::Telemetry
     }
@@ -467,7 +467,7 @@ impl Log {
         Ok(())
     }
 
-    /// Checks that no load lacks a unit beside one that is stated and is not SI.
+    /// Checks that no load lacks a unit if another of its kind has a unit other than N or N·m.
     fn check_all_have_units(&self) -> Result<(), LogError> {
         for is_moment in [false, true] {
             let axes = Axis::ALL.into_iter().filter(|axis| axis.is_moment() == is_moment);
@@ -487,7 +487,7 @@ impl Log {
         Ok(())
     }
 
-    /// Checks that a table in a binary file can be read in all wanted columns.
+    /// Checks that all wanted columns of a binary table can be read.
     fn check_are_read(&self, wanted: &Wanted) -> Result<(), LogError> {
         let Some(table) = self.source.as_table() else { return Ok(()) };
         let roles = &self.layout.roles;

@@ -51,7 +51,7 @@ pub struct ColumnSummary {
     pub rows_below_max: u64,
     rows_at_min: u64,
     below_max: f64,
-    /// Number of rises to the largest value from below the second largest: flicker does not count.
+    /// Number of rises to the largest value from below the second largest: flicker between both does not count.
     rises_to_max: u64,
     last: f64,
     /// Distinct values in order of appearance, up to one more than a quiet column has.
@@ -110,17 +110,17 @@ impl ColumnSummary {
         self.rows > 1 && self.min == self.max
     }
 
-    /// Returns true if the column is clipped at its largest value, at any level: at least one row in a hundred and
-    /// at least twenty rows have that value, three times as many as the second largest, and the column reaches it at
-    /// least three times. A signal that only turns around or rests there in one pose is not clipped, nor is a column
-    /// with [few values](Self::quiet_values), which is quiet.
+    /// Returns true if the column is clipped at its largest value, at any level: at least one row in a hundred and at
+    /// least twenty rows have that value, three times as many as the second largest, and the column reaches it at least
+    /// three times. A signal that turns around or rests once at its largest value is not clipped, nor is a quiet column
+    /// with [few values](Self::quiet_values).
     pub fn is_pinned_at_max(&self) -> bool {
         let often = self.rows_at_max >= 20 && self.rows_at_max >= self.rows / 100;
         let returns = self.rises_to_max >= RISES && self.rows_at_max >= 3 * self.rows_below_max;
         self.values.len() > QUIET_VALUES && often && returns
     }
 
-    /// Returns the number of distinct values, if they are several but so few that the column only flickers.
+    /// Returns the number of distinct values of a column that only flickers: two to four in at least twenty rows.
     pub fn quiet_values(&self) -> Option<usize> {
         let is_quiet = self.rows >= 20 && (2..=QUIET_VALUES).contains(&self.values.len());
         is_quiet.then_some(self.values.len())
@@ -151,7 +151,7 @@ pub struct LogTiming {
     pub start_s: Option<f64>,
     pub end_s: Option<f64>,
     pub backward_steps: u64,
-    /// The row (from 0) at which it does so first.
+    /// The first row (from 0) whose time is before that of the previous row.
     pub first_backward_row: Option<u64>,
     /// Number of times that two consecutive rows have the same time.
     pub equal_times: u64,
@@ -163,7 +163,7 @@ pub struct LogTiming {
 pub struct SampleInterval {
     pub length_s: f64,
     pub start_s: f64,
-    /// The row (from 0) at which it ends.
+    /// The row (from 0) at the end of the interval.
     pub row: u64,
 }
 

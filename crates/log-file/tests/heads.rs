@@ -281,7 +281,7 @@ fn two_force_plates_are_not_one() {
     let names = ["Fx", "Fy", "Fz", "Mx", "My", "Mz"];
     let of = |plate: usize| names.map(|name| format!("{name}{plate}")).join(",");
     let row = "1,2,3,4,5,6,1,2,3,4,5,6\n";
-    // Only the first plate has the usual end; the second is not mistaken for it.
+    // Plates 2 and 3 without plate 1 are not taken for the only plate.
     let log = open(&format!("{},{}\n{row}{row}", of(2), of(3)));
     assert!(!log.has_wrench());
 }
@@ -327,10 +327,10 @@ fn days_are_asked_for() {
         assert!(error.contains("the time unit of column `time` is not known"), "{error}");
         let units = vec![("time".to_owned(), "d".to_owned())];
         let of = rows(&open_with(&text, &Mapping { units, ..Mapping::default() }).unwrap());
-        // Ten decimals of a day are 8.64 µs.
+        // Numbers of days have ten decimals: a resolution of 8.64 µs.
         assert!((of.time_s[39] - of.time_s[0] - 0.39).abs() < 1e-5);
     }
-    // A clock of seconds at 1 kHz.
+    // The same numbers in steps of 0.001 are seconds at 1 kHz, not days.
     assert!(open("time,s1\n46082.500,1\n46082.501,2\n46082.502,3\n").has_time());
 }
 
@@ -481,7 +481,7 @@ fn units_above_the_names_and_ones_among_them_are_read() {
         format!("{units}\n{names}\n0.01,5,7,1000,2000,3000,40,50,60\n0.02,6,8,1,2,3,4,5,6\n");
     let above = self::rows(&open(&text));
     assert_eq!((above.rows, axis(&above, Axis::Fy)[0], axis(&above, Axis::My)[0]), (2, 2.0, 0.05));
-    // A row of ones is a row.
+    // A row of ones is not a line of units.
     let text = "s1,s2,Fx,Fy,Fz,Mx,My,Mz\n1,1,1,1,1,1,1,1\n2,2,2,2,2,2,2,2\n";
     assert_eq!(self::rows(&open(text)).rows, 2);
 }
@@ -606,7 +606,7 @@ fn a_clock_in_several_columns_is_their_sum() {
             "{found:?}: {text}"
         );
     }
-    // Two full clocks are not added up, and seconds that stand still are no clock.
+    // Seconds are no clock if their fraction exceeds a second, because the seconds alone repeat.
     let log =
         open(&table("sec,nsec,Fx (N)\n", &|at| format!("{},{},{at}", at / 4, at * 250_000_000)));
     assert!(!log.has_time());
@@ -645,7 +645,7 @@ fn days_of_a_spreadsheet_become_seconds_since_1970() {
     let log = open_with(&text, &Mapping { units: days, ..Mapping::default() }).unwrap();
     let (first, last) = ends(&log);
     assert_eq!(first, 1_774_094_400.0);
-    // The numbers have eleven decimals: 1e-6 s.
+    // Numbers of days have eleven decimals: a resolution of 1e-6 s.
     assert!((last - first - 9.75).abs() < 1e-5, "{last}");
 }
 

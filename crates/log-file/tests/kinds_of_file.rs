@@ -67,7 +67,7 @@ fn a_recording_has_the_same_rows_in_every_kind_of_file() {
         if !found.groups.is_empty() {
             assert_eq!(found.groups, expected.groups, "{name}");
         }
-        // Dates begin in 2026, MCAP recordings at their log time; the others have the same seconds.
+        // Files with dates begin in 2026, MCAP recordings at their log time, and other files at 0 s.
         let start_s = match found.time_s[0] {
             0.0 => 0.0,
             // `date -u -d 2026-11-22T10:00:00 +%s`
@@ -96,7 +96,7 @@ fn a_bag_whose_recorder_was_killed_is_read_to_its_last_whole_message() {
     let place = |of: &[u8]| whole.windows(of.len()).position(|part| part == of).unwrap() + of.len();
     let word = |at: usize| u32::from_le_bytes(*whole[at..].first_chunk().unwrap()) as usize;
     let (index, size) = (place(b"index_pos="), place(b"size="));
-    // The length of the chunk follows its header, which ends with the size.
+    // The header of the chunk ends with the size of the unpacked chunk; the length of the data follows.
     let (length, end) = (size + 4, size + 8 + word(size + 4));
     let read = |bytes: &[u8]| {
         let log = Log::in_memory(Path::new("run.bag"), bytes.into(), &Mapping::default())?;
@@ -119,14 +119,14 @@ fn a_bag_whose_recorder_was_killed_is_read_to_its_last_whole_message() {
             assert_eq!(found[..], expected[..found.len()]);
         }
     }
-    // Without its index a bag has all of its messages; with a damaged length it is damaged.
+    // A bag without an index has all its messages; a bag with a damaged length is an error.
     assert_eq!(read(&whole[..end]).unwrap().0.rows, 24);
     let mut damaged = whole.clone();
     damaged[length + 2] = 0xff;
     assert!(read(&damaged).unwrap_err().to_string().contains("damaged"));
 }
 
-/// Tests a table with a table, a table with a text, and a text with a table.
+/// Joins a table with a table, a table with a text, and a text with a table.
 #[test]
 fn a_companion_of_any_kind_gives_the_columns_beside_those_of_the_log() {
     let dir = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! Identity of a file, by which its different names are recognised.
+//! The identity of a file, which shows if two names belong to the same file.
 
 use std::fs;
 use std::io;
@@ -6,7 +6,7 @@ use std::io;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-/// Longest chain of links, as in operating systems; links may form a cycle.
+/// Longest chain of symbolic links, as in operating systems, because links may form a cycle.
 const MOST_LINKS: usize = 40;
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -30,7 +30,7 @@ pub(super) fn keys(path: &Path) -> Option<Vec<FileKey>> {
     Some(keys.collect())
 }
 
-/// Resolves links, even if there is no file at the end yet.
+/// Resolves symbolic links, even if their target does not exist yet.
 pub(super) fn resolved(path: &Path) -> PathBuf {
     if let Ok(resolved) = path.canonicalize() {
         return resolved;

@@ -1,11 +1,10 @@
 //! The one place where files are opened for writing.
 //!
-//! [`Outputs`] refuses an output that would replace an input or another output, under any name. A
-//! file appears whole or not at all: a temporary file in the same folder ([`AtomicFile`]) replaces
-//! the target by a rename. It is not synced first: a result can be made again from its logs, and a
-//! sync takes longer than a fit. It is made when the output is opened, to report an unwritable path
-//! before the work. A replaced file keeps its permissions and the symbolic links to it. Devices and
-//! pipes are written directly.
+//! [`Outputs`] refuses an output that would replace an input or another output, under any name. A file appears whole or
+//! not at all: a temporary file in the same folder ([`AtomicFile`]) replaces the target by a rename. The temporary file
+//! is not synced first, because a result can be computed again from its logs, and a sync takes longer than a fit. It is
+//! created when the output is opened, so that an unwritable path is reported before the work. A replaced file keeps its
+//! permissions and the symbolic links to it. Devices and pipes are written directly.
 
 #![allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "writes files")]
 
@@ -42,7 +41,7 @@ struct KnownFile {
     stage: FileStage,
 }
 
-/// Progress of an output, in this order.
+/// Stages of an output, in order of progress; an input is last.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum FileStage {
     Announced,
@@ -61,7 +60,7 @@ pub enum OutputError {
     Twice { path: PathBuf, other: PathBuf },
     #[error("a recording is a file, and `-` stands for the standard output")]
     Stdout,
-    /// The name has the extension of a binary table, which cannot be read until it is complete.
+    /// The name of a growing output has the extension of a binary table, which cannot be read until it is complete.
     #[error("what grows is text, and `{}` is named as something else", .0.display())]
     NotText(PathBuf),
 }
@@ -131,7 +130,7 @@ impl Outputs {
         self.open(path, FileStage::Probed).map(drop)
     }
 
-    /// Opens `path` for writing and leaves an existing file alone until the commit.
+    /// Opens `path` for writing. An existing file is unchanged until the commit.
     ///
     /// # Errors
     /// [`OutputError`] if it is an input, another output or a directory, or cannot be written.
@@ -144,7 +143,7 @@ impl Outputs {
         AtomicFile::open(path).map_err(|source| OutputError::failed(path, source))
     }
 
-    /// Writes `bytes` to `path`, whole or not at all; fails like [`create`](Self::create).
+    /// Writes `bytes` to `path`, whole or not at all, with the errors of [`create`](Self::create).
     pub fn write(&self, path: impl AsRef<Path>, bytes: &[u8]) -> Result<(), OutputError> {
         self.create(path)?.commit_with(bytes)
     }
@@ -153,7 +152,7 @@ impl Outputs {
         let Some(keys) = identity::keys(path) else { return Ok(()) };
         let (mut known, path) = (lock(&self.known), path.to_path_buf());
         let KnownFiles { files, by_key } = &mut *known;
-        // The system reuses the inode number of a replaced file.
+        // A known key may be out of date: the system reuses the inode number of a replaced file.
         let has_now = |at: usize, key: &FileKey| {
             identity::keys(&files[at].path).is_some_and(|keys| keys.contains(key))
         };
@@ -203,7 +202,7 @@ impl AtomicFile {
         }
         let named = path.to_path_buf();
         if metadata.as_ref().is_some_and(|metadata| !metadata.is_file()) {
-            // No buffer: the reader of a pipe gets the bytes at once.
+            // Nothing is buffered, so that the reader of a pipe gets the bytes at once.
             let device = File::options().write(true).open(path)?;
             let file = BufWriter::with_capacity(0, Box::new(device) as _);
             return Ok(Self { path: named, file, replacement: None });
@@ -219,11 +218,11 @@ impl AtomicFile {
                 let text = format!("there is no directory `{}`", directory.display());
                 return Err(io::Error::new(io::ErrorKind::NotFound, text));
             }
-            // The user does not know the temporary file's name: keep only the kind of error.
+            // Only the kind of error is kept, because the user does not know the temporary file's name.
             Err(error) => return Err(error.kind().into()),
         };
         if let Some(replaced) = metadata {
-            // Ignored: some file systems have no permissions.
+            // Errors are ignored, because some file systems have no permissions.
             let _ = file.set_permissions(replaced.permissions());
         }
         let file = BufWriter::new(Box::new(file) as _);

@@ -9,19 +9,19 @@ use std::sync::Mutex;
 use shell_data::lock::lock;
 use tempfile::TempPath;
 
-/// Every change is a single call, so the list stays valid if a thread panics meanwhile.
+/// Paths of temporary files. Every change is a single call, so the set stays valid if a thread panics.
 static UNFINISHED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
-/// Runs once, before the first temporary file is made.
+/// The function that runs once, before the first temporary file is created.
 static BEFORE: Mutex<Option<fn()>> = Mutex::new(None);
 
-/// Registers `prepare` to run before the first temporary file, which many commands never make.
+/// Registers `prepare` to run before the first temporary file is created; many commands create none.
 pub fn before_unfinished(prepare: fn()) {
     *lock(&BEFORE) = Some(prepare);
 }
 
-/// Removes the temporary files of unfinished outputs when a signal ends the program: afterwards,
-/// opening or finishing an output blocks forever.
+/// Removes the temporary files of unfinished outputs when a signal ends the program. Afterwards, opening or finishing
+/// an output blocks forever.
 pub fn remove_unfinished() {
     let unfinished = lock(&UNFINISHED);
     for path in unfinished.iter() {
@@ -33,7 +33,7 @@ pub fn remove_unfinished() {
 
 #[derive(Debug)]
 pub(super) struct Temporary {
-    /// `None` once it is in place.
+    /// `None` once the file is in place or removed.
     path: Option<TempPath>,
 }
 
@@ -41,8 +41,8 @@ impl Temporary {
     pub(super) fn create_in(directory: &Path) -> io::Result<(File, Self)> {
         let mut builder = tempfile::Builder::new();
         builder.prefix(".shellcal-");
-        // A result is as open as the umask allows; temporary files would be private. Elsewhere, the
-        // folder decides.
+        // Outputs get the permissions that the umask allows; temporary files would be private by default. On other
+        // systems, the folder decides.
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
         if let Some(prepare) = lock(&BEFORE).take() {
@@ -67,7 +67,7 @@ impl Drop for Temporary {
         if let Some(path) = self.path.take() {
             let mut unfinished = lock(&UNFINISHED);
             unfinished.remove(&*path);
-            // The list is locked, so that a signal waits for the removal.
+            // The set is still locked here, so that a signal waits for the removal.
             drop(path);
         }
     }

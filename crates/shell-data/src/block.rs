@@ -1,7 +1,7 @@
-//! Consecutive log rows, column by column, in SI units. Memory does not grow with the length of a file, and inner
-//! loops run down contiguous columns.
+//! Consecutive log rows, column by column, in SI units. Reading a log in blocks limits the memory, and inner loops run
+//! down contiguous columns.
 
-/// Consecutive frames with one label, such as those of a load that was held.
+/// Consecutive frames with one label, such as a load that was held.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FrameLabel {
     pub from: i64,
@@ -14,7 +14,7 @@ pub struct FrameLabel {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RowLines {
     pub first: u64,
-    /// Skipped lines: the row that they precede, and their number, in row order.
+    /// Runs of skipped lines, in row order: the index of the next row, and the number of lines.
     pub passed: Vec<(usize, u64)>,
 }
 
@@ -86,7 +86,7 @@ impl Block {
         let firsts = channels.iter().filter_map(|column| column.first());
         let is_new = |before: &Vec<f64>| !firsts.eq(before);
         let first = self.readings_before.as_ref().is_none_or(is_new);
-        // Usually stops at the first channel, unless the log runs faster than the sensor.
+        // The search usually stops at the first channel, unless the log runs faster than the sensor.
         let differs = |row: usize| channels.iter().any(|column| column[row] != column[row - 1]);
         (0..self.rows).map(|row| if row == 0 { first } else { differs(row) }).collect()
     }

@@ -1,7 +1,7 @@
 //! Values per axis in JSON documents, which hold the calibrated [`Axes`] only.
 //!
-//! Use `#[serde(with = "by_axis")]` for a field, `by_axis::matrix` for a matrix, `by_axis::option`
-//! for an option. Serde cannot pass a document's axes to its fields: [`among`] sets them meanwhile.
+//! Use `#[serde(with = "by_axis")]` for a field, `by_axis::matrix` for a matrix, `by_axis::option` for an option. Serde
+//! cannot pass a document's axes to its fields, so [`among`] sets them for the current thread.
 
 use std::cell::Cell;
 
@@ -14,8 +14,8 @@ thread_local! {
     static AXES: Cell<Axes> = const { Cell::new(Axes::ALL) };
 }
 
-/// Runs `act`, which reads or writes a document with these axes on this thread. The default is all
-/// six.
+/// Runs `act`, which reads or writes a document with these axes on this thread. Outside of `act`, documents have all
+/// six axes.
 pub fn among<T>(axes: Axes, act: impl FnOnce() -> T) -> T {
     let _outside = Outside(AXES.replace(axes));
     act()

@@ -13,9 +13,8 @@ impl Converter {
         Self { low: 0.0, high }
     }
 
-    /// Returns the smallest usual converter (12, 16, 24 or 32 bits) with `min` to `max` in its
-    /// range; signed if `min` is negative. `None` for fractions such as volts, whose range is
-    /// unknown.
+    /// Returns the smallest usual converter (12, 16, 24 or 32 bits) with `min` to `max` in its range; signed if `min`
+    /// is negative. `None` if readings may be in volts, or exceed 32 bits.
     pub fn of_extremes(min: f64, max: f64) -> Option<Self> {
         let is_whole = |value: f64| value.fract() == 0.0;
         let is_large = max.abs().max(min.abs()) > LARGEST_VOLTAGE;
@@ -40,7 +39,7 @@ impl Converter {
     }
 }
 
-/// The largest reading that may be in volts.
+/// The largest fractional reading that may be in volts.
 const LARGEST_VOLTAGE: f64 = 50.0;
 
 #[cfg(test)]

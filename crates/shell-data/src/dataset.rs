@@ -1,7 +1,7 @@
 //! All rows of one or more logs, or of arrays, in memory.
 //!
-//! Rows stay in the blocks that they were read in, and derived data sets share them: leaving out rows copies only
-//! their blocks. Results that depend on block boundaries do not depend on the source.
+//! Rows stay in the blocks in which they were read, and derived data sets share these blocks. If rows are left out,
+//! only their blocks are copied. Block boundaries depend only on the file or the arrays, not on threads.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -15,7 +15,7 @@ use crate::wrench::Axes;
 /// Number of rows per block of arrays.
 pub const BLOCK_ROWS: usize = 4096;
 
-/// Rows of a sample, and parts of the recording that it is taken from.
+/// Number of rows in a sample, and number of parts of the recording from which they are taken.
 const SAMPLE_ROWS: usize = 1024;
 const SAMPLE_PARTS: usize = 16;
 
@@ -29,7 +29,7 @@ pub struct ReadSummary {
     pub repeated_rows: u64,
     /// Invalid rows that were left out, including an incomplete last row.
     pub skipped_rows: u64,
-    /// Lines that repeat the head of the log, as where logs were put together.
+    /// Lines that repeat the head of the log, as in concatenated logs.
     pub repeated_heads: u64,
     /// Checksum of the file on disk, if requested.
     pub checksum: Option<String>,
@@ -62,7 +62,7 @@ pub struct LogRows {
 /// Rows with labels that may differ from those in the log.
 #[derive(Clone, Debug, Default)]
 pub struct LabelledBlock {
-    /// Rows, whose own labels are ignored.
+    /// The rows; [`Block::groups`] is ignored.
     pub rows: Arc<Block>,
     pub labels: Arc<LabelRuns>,
 }
@@ -74,7 +74,7 @@ impl From<Block> for LabelledBlock {
     }
 }
 
-/// Rows by log, offset of the block, and index in the block as read.
+/// A set of rows: for each log and block offset, the indices of rows in the block as read.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RowSet(HashMap<(usize, u64), Vec<usize>>);
 
@@ -149,7 +149,7 @@ impl Dataset {
         all.filter(|(_, block)| block.rows.rows > 0)
     }
 
-    /// Moves the rows out. All else, such as the line numbers, stays in both.
+    /// Moves the rows out. Other data, such as line numbers, are in both data sets.
     #[must_use]
     pub fn take_rows(&mut self) -> Self {
         let take = |log: &mut LogRows| {
@@ -225,7 +225,7 @@ impl LabelledBlock {
     }
 }
 
-/// Takes a sample of rows from all parts of some blocks; all rows, if they are few.
+/// Takes a sample of rows spread over `blocks`, or all rows if there are few.
 pub fn sample<'a>(blocks: impl Iterator<Item = &'a Block> + Clone) -> Block {
     let rows: usize = blocks.clone().map(|block| block.rows).sum();
     let mut sample = Block::default();

@@ -1,6 +1,6 @@
-//! Escaping text for other languages, with one function per language. Names of files, columns,
-//! groups and sensors may contain any characters; the result is data in its language, and reads as
-//! the original where that can represent it.
+//! Escaping text for other languages, with one function per language. Names of files, columns, groups and sensors may
+//! contain any characters. The escaped text is data in its language, and reads as the original if the language can
+//! represent it.
 
 use std::borrow::Cow;
 use std::fmt::Write;
@@ -45,8 +45,7 @@ pub fn terminal(text: &str) -> Cow<'_, str> {
     replace(text, is_invisible, |character, out| out.extend(character.escape_default()))
 }
 
-/// Escapes a JSON document for a terminal: invisible characters in strings, not its line ends and
-/// indentation.
+/// Escapes the invisible characters of a JSON document for a terminal, except for line ends.
 pub fn json(document: &str) -> Cow<'_, str> {
     let is_special = |character| character != '\n' && is_invisible(character);
     replace(document, is_special, |character, out| {
@@ -56,7 +55,7 @@ pub fn json(document: &str) -> Cow<'_, str> {
     })
 }
 
-/// Escapes a JSON document for an HTML `script` element, which it cannot end.
+/// Escapes a JSON document for an HTML `script` element, so that it cannot end the element.
 pub fn script_json(document: &str) -> Cow<'_, str> {
     let is_special = |character| matches!(character, '<' | '\u{2028}' | '\u{2029}');
     replace(document, is_special, |character, out| {
@@ -64,8 +63,7 @@ pub fn script_json(document: &str) -> Cow<'_, str> {
     })
 }
 
-/// Returns true if a character changes the direction of text: a page shows something else than it
-/// contains.
+/// Returns true if a character changes the direction of text, so that a page shows another text than it contains.
 const fn turns(character: char) -> bool {
     matches!(character, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }
@@ -107,8 +105,8 @@ pub fn matlab_comment(text: &str) -> Cow<'_, str> {
     replace(text, is_invisible, |_, out| out.push('\u{fffd}'))
 }
 
-/// Formats a CSV field (RFC 4180), quoted if necessary, or if blanks at its ends or another
-/// separator might be misread.
+/// Formats a CSV field (RFC 4180). It is quoted if necessary, or if a reader might misread blanks at its ends or
+/// another separator.
 pub fn csv_field(text: &str) -> Cow<'_, str> {
     let is_plain = !text.contains([',', '"', '\n', '\r', ';', '|', '\t']) && text.trim() == text;
     match is_plain {

@@ -1,5 +1,5 @@
-//! Fingerprints that show whether two logs contain the same rows, in any file format. A copy of a
-//! log among the training logs counts its rows twice; if it is held out, errors look far too small.
+//! Fingerprints that show whether two logs contain the same rows, in any file format. If a training log has a copy, its
+//! rows count twice; if the copy is held out, errors look far too small.
 
 use std::fmt;
 
@@ -36,8 +36,7 @@ impl Fingerprint {
         self.squares = self.squares.wrapping_add(other.squares);
     }
 
-    /// Returns the indices of the first log with the same rows as an earlier one: the earlier, the
-    /// copy.
+    /// Finds the first log with the same rows as an earlier one; returns the indices of the earlier log and the copy.
     pub fn first_copy(logs: &[Self]) -> Option<(usize, usize)> {
         let copy_of = |(later, fingerprint): (usize, &Self)| {
             let earlier = logs[..later].iter().position(|earlier| earlier == fingerprint);
@@ -47,8 +46,8 @@ impl Fingerprint {
     }
 }
 
-/// Returns an unmixed hash for each of `rows` rows: rows that differ may have hashes that differ in
-/// only a few bits, so mix them before use. `start` is the hash of a row without columns.
+/// Returns an unmixed hash for each of `rows` rows. Hashes of different rows may differ in only a few bits, so mix them
+/// before use. `start` is the hash of a row without columns.
 #[inline(always)]
 pub fn row_hashes<'a>(
     start: u64,
@@ -56,7 +55,7 @@ pub fn row_hashes<'a>(
     columns: impl Iterator<Item = &'a [f64]>,
 ) -> Vec<u64> {
     let mut hashes = vec![start; rows];
-    // Rotation and addition: every processor has both for vectors of 64-bit integers.
+    // Every processor has vector instructions for the rotation and addition of 64-bit integers.
     for column in columns {
         for (hash, value) in hashes.iter_mut().zip(column) {
             *hash = hash.rotate_left(23).wrapping_add(value.to_bits());
@@ -74,7 +73,7 @@ fn mixed(hash: u64) -> u64 {
 
 /// Returns a hash of a sequence of values, which depends on their order.
 pub fn hash(values: impl Iterator<Item = f64>) -> u64 {
-    // Mixed after each value, because there may be only a few similar ones.
+    // The hash is mixed after each value, because there may be only a few similar values.
     values.fold(0, |hash: u64, value| mixed(hash.rotate_left(23) ^ value.to_bits()))
 }
 
@@ -83,7 +82,7 @@ vectorised! {
         let columns = block.readings.iter().chain(&block.wrench);
         let hashes = row_hashes(0, block.rows, columns.map(Vec::as_slice));
         let mut fingerprint = Fingerprint { rows: block.rows as u64, ..Fingerprint::default() };
-        // Mixed, because sums of unmixed hashes are often equal for different rows.
+        // Hashes are mixed, because sums of unmixed hashes are often equal for different rows.
         for hash in hashes {
             let hash = mixed(hash);
             fingerprint.sum = fingerprint.sum.wrapping_add(hash);

@@ -1,5 +1,5 @@
-//! Hints on how to fix an error: the flag, the file or the column. They are defined next to their
-//! errors; an error that only wraps another returns that one's hint.
+//! Hints on how to fix an error: the flag, the file or the column. They are defined next to their errors. An error that
+//! only wraps another error returns the hint of that error.
 
 use std::error::Error;
 use std::fmt::Display;
@@ -26,7 +26,7 @@ pub fn quoted(names: impl IntoIterator<Item = impl Display>, between: &str) -> S
 pub const OTHER_CHANNELS: &str = "name the sensor columns of the log with `--sensors`, or use the calibration \
                                   of this sensor";
 
-/// Returns the known name most similar to a mistyped one, if any is.
+/// Returns the known name most similar to a mistyped one, if one is similar.
 pub fn suggest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let name = name.to_lowercase();
     let likeness = |known: &str| strsim::jaro_winkler(&name, &known.to_lowercase());

@@ -1,5 +1,5 @@
-//! Vector instructions: by default the widest of the processor. The environment variable
-//! [`VARIABLE`] names narrower ones for a test or benchmark; results are equal bit for bit.
+//! Vector instructions: by default, the widest that the processor has. The environment variable [`VARIABLE`] names a
+//! narrower set for a test or benchmark; results are equal bit for bit.
 
 use std::sync::LazyLock;
 
@@ -50,8 +50,8 @@ pub fn arch() -> Arch {
 
 /// Defines functions that are compiled for every instruction set, and run with that of [`arch`].
 ///
-/// The body is inlined into code for each set, with the `#[inline(always)]` functions that it
-/// calls. A closure may remain a separate function without wide vectors.
+/// The body and the `#[inline(always)]` functions that it calls are inlined into the code for each set. A closure may
+/// remain a separate function without wide vectors.
 ///
 /// ```
 /// shell_data::vectorised! {

@@ -1,8 +1,8 @@
 //! Random numbers that are identical bit for bit on every machine.
 //!
 //! The generator is ChaCha with 8 rounds, keyed by a seed and a purpose: two purposes never share numbers. Normal
-//! deviates come from the Box–Muller transform (Box & Muller, Ann. Math. Statist. 29, 610, 1958) over `libm`, as the
-//! standard library's logarithm and sine differ between platforms.
+//! deviates come from the Box–Muller transform (Box & Muller, Ann. Math. Statist. 29, 610, 1958) with `libm`, because
+//! the standard library's logarithm and sine differ between platforms.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
@@ -27,7 +27,7 @@ pub enum Purpose {
     Controller = 12,
     /// The virtual robot's telemetry.
     Telemetry = 13,
-    /// Held-out poses of a session, and the order of the others.
+    /// Held-out poses of a session, and the order of the other poses.
     Replay = 14,
 }
 

@@ -13,8 +13,8 @@
 
 use crate::vectorised;
 
-/// Number, mean and sum of squared deviations. The default is the identity of [`merge`](Self::merge), which is
-/// commutative and associative up to rounding.
+/// Number, mean and sum of squared deviations of values. The default (no values) is the identity of
+/// [`merge`](Self::merge), which is commutative and associative up to rounding.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RunningVariance {
     pub count: u64,
@@ -44,7 +44,7 @@ pub fn extremes(values: impl IntoIterator<Item = f64>) -> (f64, f64) {
     values.into_iter().fold(none, |(least, greatest), x| (least.min(x), greatest.max(x)))
 }
 
-/// Weights of the difference of the means of two sets when sums about them are merged:
+/// Weights of the differences between the means of two sets when their means and sums of products are merged:
 /// `mean += (b − a)·weights.mean`, `Σ(x − x̄)(y − ȳ) += (b_x − a_x)·(b_y − a_y)·weights.product`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MergeWeights {
@@ -76,7 +76,7 @@ impl RunningVariance {
             return Self::default();
         }
         let n = column.len() as f64;
-        // Sums of differences from one value of the column are not affected by a large offset.
+        // Differences from one value of the column do not lose digits to a large offset.
         let (origin, sum) = (column[0], sums_about(column, column[0]).0);
         let mean = origin + sum / n;
         let (sum, squares) = sums_about(column, mean);

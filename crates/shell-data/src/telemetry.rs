@@ -25,8 +25,8 @@ pub enum Telemetry {
     AccelerationZ,
 }
 
-/// Names for people and in logs, in lower case without spaces and punctuation; the lab's own come
-/// first. `gryoy` is misspelt in some of its logs.
+/// A name for messages, and names in logs in lower case without spaces and punctuation; the lab's names come first.
+/// `gryoy` is a misspelling in some of the lab's logs.
 const COLUMNS: [(Telemetry, &str, &str); 19] = {
     use Telemetry::*;
     [
@@ -53,7 +53,7 @@ const COLUMNS: [(Telemetry, &str, &str); 19] = {
 };
 
 impl Telemetry {
-    /// Columns for the electrical power of the motors.
+    /// Columns from which the electrical power of the motors is computed.
     pub const MOTORS: [Self; 5] =
         [Self::RightDuty, Self::LeftDuty, Self::RightBackEmf, Self::LeftBackEmf, Self::Battery];
 

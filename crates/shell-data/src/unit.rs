@@ -1,10 +1,10 @@
 //! Units of measurement as people write them: `N`, `mN·m`, `lbf-in`, `mm.N`, `kgf cm`, `m/s^2`, `milliseconds`.
 //!
-//! A unit is a product of symbols with prefixes and exponents. Any mark or none separates factors: `N-m`, `N m`,
+//! A unit is a product of symbols with prefixes and exponents. Factors are separated by any mark or none: `N-m`, `N m`,
 //! `N.m`, `N*m`, `N·m` and `Nm` are the same unit. A digit after a `-` is an exponent (`m s-2`). Case distinguishes
-//! `MN` from `mN`; if nothing matches otherwise (`fx_n`, `LBF`), the case of symbols is ignored, not that of
-//! prefixes. The expected quantity resolves the rest: `nm` is a moment, `g` an acceleration or, as a force, the
-//! weight of a gram, like other masses (`kg`, `lb`, `oz`). Units of other quantities, such as `N/mm` for a moment,
+//! `MN` from `mN`. If nothing matches (`fx_n`, `LBF`), the case of symbols is ignored, but not of prefixes. The
+//! expected quantity resolves other ambiguities: `nm` is a moment. `g` is an acceleration or, as a force, the weight of
+//! a gram; other masses (`kg`, `lb`, `oz`) are weights, too. Units of other quantities, such as `N/mm` for a moment,
 //! are rejected.
 
 use crate::wrench::Axis;
@@ -95,7 +95,7 @@ impl Unit {
         let factors = factors(text)?;
         let dimension = quantity.dimension();
         let mut wanted = vec![(dimension, false)];
-        // If a force is expected, a mass stands for its weight.
+        // If a force or moment is expected, a mass means its weight.
         if matches!(quantity, Quantity::Force | Quantity::Moment) {
             wanted.push((std::array::from_fn(|of| dimension[of] - ACCELERATION[of]), true));
         }
@@ -116,7 +116,7 @@ impl Unit {
     }
 }
 
-/// A symbol: names, the first for output; dimension; size as a factor and a power of ten; allowed prefixes.
+/// A symbol: its names, of which the first is for output; dimension; size (a factor, a power of ten); allowed prefixes.
 struct Symbol(&'static [&'static str], Dimension, f64, i32, &'static str);
 
 /// The pound is 0.45359237 kg and the inch 0.0254 m (international yard and pound agreement, 1959),
@@ -158,7 +158,7 @@ const PREFIXES: [(char, &[&str], i32); 10] = [
     ('G', &["G", "giga"], 9),
 ];
 
-/// Abbreviated units of time that consist of a prefix only.
+/// Abbreviations of units of time (`millis` for milliseconds), with their symbols and powers of ten.
 const SHORT_TIMES: [(&str, &str, i32); 3] =
     [("millis", "ms", -3), ("micros", "µs", -6), ("nanos", "ns", -9)];
 
@@ -197,7 +197,7 @@ impl Product {
         Self::new((dimension, self.times * other.times, self.tens + other.tens), symbol)
     }
 
-    /// Makes the unit; a mass as a weight is shown as `kgf`.
+    /// Returns the unit. A mass that is used as a weight gets an `f` in the symbol: `kgf`.
     fn unit(&self, is_weight: bool) -> Unit {
         let (mut times, mut symbol) = (self.times, self.symbol.clone());
         if is_weight {
@@ -225,7 +225,7 @@ fn factors(text: &str) -> Option<Vec<(String, i8)>> {
     let text = text.replace("**", "^");
     let (mut factors, mut sign) = (Vec::<(String, i8)>::new(), 1_i8);
     let mut rest = text.as_str();
-    // A factor may follow a mark or a word, an exponent only a word.
+    // A factor may follow a mark or a word, but an exponent must follow a word.
     let mut is_behind_word = false;
     while let Some(first) = rest.chars().next() {
         let length = |is: fn(char) -> bool| rest.find(|c| !is(c)).unwrap_or(rest.len());
@@ -235,7 +235,7 @@ fn factors(text: &str) -> Option<Vec<(String, i8)>> {
             is_behind_word = false;
             match word.to_lowercase().as_str() {
                 "per" if !factors.is_empty() => sign = -1,
-                // `pound force`, `lb-f`, `kilogram-force`: a mass already stands for its weight.
+                // `pound force`, `lb-f`, `kilogram-force`: a mass already means its weight.
                 "force" | "f" if !factors.is_empty() => {}
                 _ if factors.len() == MOST_FACTORS => return None,
                 _ => {
@@ -277,7 +277,7 @@ fn factors(text: &str) -> Option<Vec<(String, i8)>> {
     (!factors.is_empty() && sign == 1 && !rest.ends_with('^')).then_some(factors)
 }
 
-/// Normalises a character to the one form in the grammar; `None` for brackets.
+/// Converts a character to the form that the grammar uses; `None` for brackets.
 fn plain_mark(mark: char) -> Option<char> {
     Some(match mark {
         '(' | ')' | '[' | ']' => return None,
@@ -309,7 +309,7 @@ fn products(factors: &[(String, i8)], folded: bool) -> Vec<Product> {
     products
 }
 
-/// Possible meanings of a word: a symbol with a prefix, or else two symbols without a separator.
+/// Returns the possible meanings of a word as a symbol with a prefix, or else as two symbols without a separator.
 fn words(word: &str, folded: bool) -> Vec<Product> {
     let mut found = symbols(word, folded);
     if !found.is_empty() {
@@ -340,7 +340,7 @@ fn symbols(word: &str, folded: bool) -> Vec<Product> {
             found.push(Product::new((*dimension, *times, *tens), names[0].to_owned()));
         }
         for (key, spellings, power) in PREFIXES.iter().filter(|it| prefixes.contains(it.0)) {
-            // Without regard to case, `M` may be mega or milli.
+            // If case is ignored, `M` may be mega or milli.
             if folded && *key == 'M' {
                 continue;
             }

@@ -27,12 +27,12 @@ impl Axis {
         self as usize
     }
 
-    /// Returns `Fx` … `Mz`, for people.
+    /// Returns the name in messages: `Fx` … `Mz`.
     pub const fn name(self) -> &'static str {
         ["Fx", "Fy", "Fz", "Mx", "My", "Mz"][self.index()]
     }
 
-    /// Returns `fx_n` … `mz_nm`, for columns and fields in files.
+    /// Returns the name of columns and fields in files: `fx_n` … `mz_nm`.
     pub const fn column(self) -> &'static str {
         ["fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"][self.index()]
     }
@@ -54,7 +54,7 @@ pub type PerAxis<T> = [T; 6];
 pub struct LoadErrors {
     /// Error of the magnitude, N.
     pub force_n: f64,
-    /// Error of the direction, about either perpendicular, rad.
+    /// Error of the direction: angle about each of two perpendicular axes, rad.
     pub angle_rad: f64,
     /// Error of each coordinate of the point, m.
     pub lever_m: f64,
@@ -120,8 +120,8 @@ impl Axes {
         self.iter().map(|axis| (axis, values[axis.index()].clone())).collect()
     }
 
-    /// Returns `values`, one per axis in the set, at the positions of their axes and `absent` elsewhere. `None` if
-    /// their number is not that of the axes.
+    /// Returns `values`, one per axis in the set, at the positions of their axes, and `absent` elsewhere. `None` if the
+    /// number of values differs from the number of axes.
     pub fn spread<T: Clone>(self, values: Vec<T>, absent: &T) -> Option<PerAxis<T>> {
         if values.len() != self.count() {
             return None;

@@ -1,9 +1,9 @@
 //! More than two hundred spellings of units, compared with other programs that parse units.
 //!
-//! Pint 0.25.3 (Python) and UDUNITS 2 (cf-units 3.3.1) gave the sizes in SI units. The table lists
-//! the spellings with this size in Pint, those only in UDUNITS, then the rest, with Pint's size for
-//! the product written out (`lbf * inch`): Pint reads `N-m` as a difference, UDUNITS `oz` as a
-//! volume, and neither accepts a mass for its weight, words without a separator, or capitals.
+//! Pint 0.25.3 (Python) and UDUNITS 2 (cf-units 3.3.1) gave the sizes in SI units. The table lists the spellings that
+//! Pint accepts, those that only UDUNITS accepts, then the rest. For the rest, Pint gave the size of the product
+//! written out (`lbf * inch`): Pint reads `N-m` as a difference, UDUNITS `oz` as a volume, and neither accepts a mass
+//! for its weight, words without a separator, or capitals.
 
 use std::f64::consts::PI;
 

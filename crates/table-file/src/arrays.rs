@@ -31,7 +31,7 @@ pub(crate) struct Labels {
 
 #[derive(Clone, Debug)]
 pub(crate) enum ArrayValues {
-    /// Anything that cannot be a column of a table, with the reason.
+    /// Content that cannot be a column of a table, with the reason.
     Other(&'static str),
     Unread,
     Numbers(ArrayNumbers),
@@ -55,8 +55,8 @@ impl Array {
         Some((0..numbers.len()).map(number).collect())
     }
 
-    /// Returns the numbers of rows and columns: a single row counts as a column; more than two dimensions have
-    /// neither.
+    /// Returns the numbers of rows and columns. A single row counts as a column; an array of more than two dimensions
+    /// has no rows and columns.
     fn sides(&self) -> (usize, usize) {
         match *self.size {
             [length] | [1, length] => (length, 1),
@@ -119,7 +119,7 @@ pub(crate) const UNITS: [&str; 2] = ["units", "unit"];
 pub(crate) const NAMES: [&str; 6] =
     ["columns", "column_names", "names", "labels", "channels", "fields"];
 
-/// Gives matrices the names and units in lists of texts with as many elements as they have columns.
+/// Gives a matrix the names and units in a list of texts, if the list has as many elements as the matrix has columns.
 fn label(all: &mut [Array]) {
     let list = |names: &[&str], count: usize| {
         let is_called =
@@ -145,7 +145,7 @@ fn label(all: &mut [Array]) {
     }
 }
 
-/// Returns single numbers and texts, which describe the others.
+/// Returns single numbers and texts, which describe the other arrays.
 pub(crate) fn attributes_in(all: &[Array]) -> Vec<(String, String)> {
     let single = |array: &Array| match &array.values {
         ArrayValues::Numbers(_) if array.sides() == (1, 1) => {
@@ -178,11 +178,11 @@ impl ArrayNumbers {
     }
 }
 
-/// A log with fewer rows than this is never taken to lack a row.
+/// An array may lack the last row only if the log has more rows than this.
 const FEW_ROWS: usize = 10;
 
-/// Transposes matrices whose columns run along time: as many columns as a vector has values or, without vectors,
-/// equal numbers of columns and different numbers of rows in all matrices.
+/// Transposes matrices whose columns run along time. Such matrices have as many columns as a vector has values. Without
+/// long vectors, all matrices have equal numbers of columns and different numbers of rows.
 fn turn(all: &mut [Array]) {
     let vectors: Vec<usize> = all
         .iter()
@@ -211,8 +211,8 @@ fn turn(all: &mut [Array]) {
 /// The columns of a log, their names if known, and notes on the arrays that are left out.
 pub(crate) type LogColumns = (Option<Vec<TableColumn>>, ArrayRows, Vec<String>);
 
-/// Selects the arrays of a log: of those called `name`, or all, the ones with as many rows as most columns. If some
-/// lack the last row, it is left out of all.
+/// Selects the arrays of a log: among those called `name`, or all, the arrays that have the number of rows of most
+/// columns. If some lack the last row, it is left out of all.
 ///
 /// # Errors
 /// [`TableError::Choice`] if no array has the name, and other errors if the arrays do not make a table.
@@ -244,7 +244,7 @@ pub(crate) fn columns_of_log(
         return Err(kind.choice("matrix of real numbers", name, found));
     }
     turn(&mut wanted);
-    // Prefers many columns to a single long one that holds something else.
+    // Many columns are preferred to a single long one, which holds something else.
     let score = |rows: usize| {
         let columns = wanted.iter().filter(|array| array.sides().0 == rows);
         columns.map(|array| array.sides().1 as f64).sum::<f64>() * (rows as f64).ln()

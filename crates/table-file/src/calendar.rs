@@ -1,7 +1,7 @@
 //! Dates and times of the Gregorian calendar, in ISO 8601 and in seconds since 1970.
 
 /// Parses a date and time in ISO 8601 into seconds since 1970-01-01T00:00:00Z: `2026-03-01T12:00:00.25Z`,
-/// `2026-03-01 12:00:00,25+01:00`. Without an offset it is taken as UTC.
+/// `2026-03-01 12:00:00,25+01:00`. A text without an offset is read as UTC.
 ///
 /// Returns `None` if the text is not a date and time. The integer part is exact, and the sum is rounded once.
 pub fn seconds_of_iso(text: &str) -> Option<f64> {
@@ -101,7 +101,7 @@ pub(crate) fn seconds_of(units: i64, per_second: i64) -> f64 {
     if units.unsigned_abs() < 1 << 53 {
         return units as f64 / per_second as f64;
     }
-    // Computes 64 additional bits; the last one stands for all further bits.
+    // Computes 64 additional bits. The last bit is set if any further bit is.
     let per_second = u128::from(per_second.unsigned_abs());
     let scaled = u128::from(units.unsigned_abs()) << 64;
     let bits = (scaled / per_second) | u128::from(!scaled.is_multiple_of(per_second));

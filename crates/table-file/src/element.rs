@@ -58,7 +58,7 @@ impl Element {
             Self::Truth => Cell::Whole(i64::from(bits != 0)),
             Self::Time { size, units, per_second } => {
                 match Self::Signed(size).cell(bytes, is_little) {
-                    // NaT, "not a time".
+                    // NumPy's NaT ("not a time").
                     Cell::Whole(i64::MIN) => Cell::Missing,
                     Cell::Whole(value) => {
                         Cell::Time { units: value.saturating_mul(units), per_second }

@@ -33,7 +33,7 @@ impl FileSource {
     /// Returns the length in bytes.
     ///
     /// # Errors
-    /// [`io::Error`] if the system cannot tell the length.
+    /// [`io::Error`] of the system.
     pub fn length(&self) -> io::Result<u64> {
         match self {
             Self::Disk(path) => Ok(path.metadata()?.len()),
@@ -207,7 +207,7 @@ pub struct TablePart {
     pub rows: usize,
     /// Columns in the order of the request.
     pub columns: Vec<ColumnPart>,
-    /// Rows, in order, that are empty or hold a remark.
+    /// Rows, in ascending order, that are empty or hold a comment.
     pub blank: Vec<usize>,
 }
 
@@ -255,12 +255,12 @@ pub(crate) trait RowSource: fmt::Debug + Send + Sync {
         None
     }
 
-    /// Returns true if the format says that the values of a column, from 0, are times, which are in s.
+    /// Returns true if the format declares a column, from 0, as times. Their values are in s.
     fn is_time(&self, _column: usize) -> bool {
         false
     }
 
-    /// Returns true if the format says that the values of a column, from 0, are floating-point numbers.
+    /// Returns true if the format declares a column, from 0, as floating-point numbers.
     fn is_real(&self, _column: usize) -> bool {
         false
     }
@@ -285,10 +285,10 @@ pub(crate) trait RowSource: fmt::Debug + Send + Sync {
     }
 }
 
-/// A stream of rows: appends at most the given number of rows to an empty part; fewer only at the end.
+/// A stream of rows. Each call appends the given number of rows to an empty part, or fewer at the end.
 pub(crate) type RowStream = Box<dyn FnMut(usize, &mut TablePart) -> Result<(), TableError> + Send>;
 
-/// A stream of whole rows of cells: the next one, `None` at the end.
+/// A stream of rows of cells. Each call returns the next whole row; `None` at the end.
 pub(crate) type CellRows = Box<dyn FnMut() -> Result<Option<Vec<Cell>>, TableError> + Send>;
 
 /// Selects the requested columns from rows of cells and marks the rows for which `is_blank` is true.

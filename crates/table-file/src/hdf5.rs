@@ -26,8 +26,8 @@ const KIND: FileKind = FileKind::Hdf5;
 const DEPTH: usize = 8;
 const OBJECTS: usize = 4096;
 
-/// Bytes that all data sets may use, in addition to [`RATIO`] times the file's length. Lower than elsewhere, because
-/// a file can claim any number of rows that were never written.
+/// Bytes that all data sets may use, in addition to [`RATIO`] times the file's length. The limit is low, because a file
+/// can claim any number of rows that were never written.
 const ANY: u64 = 16 << 20;
 const RATIO: u64 = 32;
 
@@ -71,11 +71,11 @@ struct DataSets {
     objects: usize,
     is_matlab: bool,
     attributes: Vec<(String, String)>,
-    /// Data sets of a single value.
+    /// Names and values of data sets with a single value.
     scalars: Vec<(String, String)>,
 }
 
-/// The largest text of a single value, bytes.
+/// The longest text of a data set with a single value, in bytes.
 const SCALAR: u64 = 1 << 12;
 
 type Attributes = HashMap<String, AttrValue>;
@@ -88,7 +88,7 @@ struct GroupLabels {
 }
 
 impl GroupLabels {
-    /// Reads attributes; those of the group above fill in what they lack.
+    /// Reads attributes. Labels that they lack are taken from the group `above`.
     fn new(attributes: &Attributes, above: &Self) -> Self {
         let units = texts_of(attributes, &UNITS).unwrap_or_default();
         let list = |texts: &[String], above: &[String]| {
@@ -114,7 +114,7 @@ impl GroupLabels {
         }
     }
 
-    /// Returns the group's unit for a data set; a unit of something else does not concern a time.
+    /// Returns the group's unit for a data set, if both the unit and the name are of time, or neither is.
     fn unit_of(&self, name: &str) -> Option<String> {
         let name = name.to_lowercase();
         let is_time = name.contains("time") || name == "t" || name.starts_with("t_");
@@ -124,7 +124,7 @@ impl GroupLabels {
     }
 }
 
-/// Returns the texts of the first of some attributes, in any case.
+/// Returns the texts of the first attribute that exists; the case of `names` does not matter.
 fn texts_of(attributes: &Attributes, names: &[&str]) -> Option<Vec<String>> {
     let of_name = |name: &&str| {
         let mut same = attributes.iter().filter(|(key, _)| key.eq_ignore_ascii_case(name));
@@ -137,7 +137,7 @@ fn texts_of(attributes: &Attributes, names: &[&str]) -> Option<Vec<String>> {
 fn attributes_of_file(attributes: &Attributes) -> Vec<(String, String)> {
     let pair = |(key, value): (&String, &AttrValue)| {
         let number = || Some(value.as_f64().or_else(|| Some(value.as_i64()? as f64))?.to_string());
-        // Units of all data sets are those of the group.
+        // Units in the root group are labels of its data sets, not attributes of the file.
         let is_shared = UNITS.iter().any(|it| key.eq_ignore_ascii_case(it));
         let text = value.as_str().map(str::to_owned).or_else(number)?;
         (!is_shared).then(|| (key.clone(), text))
@@ -201,7 +201,7 @@ impl DataSets {
         }
         for (name, inner) in group.iter_groups().map_err(unreadable)? {
             self.count()?;
-            // `#` groups hold what MATLAB cells and objects refer to, `_i_` groups the indexes of PyTables.
+            // `#` groups hold the contents of MATLAB cells and objects, `_i_` groups the indexes of PyTables.
             if !name.starts_with('#') && !name.starts_with("_i_") {
                 self.add(&inner, &format!("{path}{name}/"), &of_group, depth - 1)?;
             }
@@ -357,7 +357,7 @@ impl RowSource for Hdf5Table {
     }
 }
 
-/// Opens a data set; returns it with the size of its values, which like its list of chunks may take `most` bytes.
+/// Opens a data set; returns it with the size of its values. Values, chunk and list of chunks may take `most` bytes.
 fn data_set(file: &hdf5_pure::File, path: &str, most: u64) -> Result<(Dataset, u64), TableError> {
     // Octave stores the value in a group with the variable's name.
     let set = file.dataset(path).or_else(|_| file.dataset(&format!("{path}/value")));

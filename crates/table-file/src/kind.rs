@@ -26,7 +26,7 @@ pub enum FileKind {
 }
 
 impl FileKind {
-    /// Returns the name in documents, and the name for people with an article.
+    /// Returns a short name for documents, and a name with an article for messages.
     const fn names(self) -> [&'static str; 2] {
         match self {
             Self::Hdf5 => ["hdf5", "an HDF5 file"],
@@ -70,7 +70,7 @@ pub enum TableError {
     /// The file is valid but its content is not supported.
     #[error("{} that is not read: {what}", kind.with_article())]
     Unsupported { kind: FileKind, what: String },
-    /// The file has several tables, which it calls `part`, or none with the requested name.
+    /// The file has several tables, or none with the requested name. `part` is the format's word for a table.
     #[error(
         "{} {}; it has {}",
         kind.with_article(),
@@ -99,7 +99,7 @@ impl FileKind {
         TableError::Unsupported { kind: self, what: what.into() }
     }
 
-    /// Makes the error for a file with several parts, or without the requested one.
+    /// Returns the error for a file with several parts, or without the requested one.
     pub(crate) fn choice(
         self,
         part: &'static str,
@@ -109,7 +109,7 @@ impl FileKind {
         TableError::Choice { kind: self, part, wanted: wanted.map(str::to_owned), found }
     }
 
-    /// Makes the error for bytes that cannot be read: damage, if the file ends before them.
+    /// Returns the error for bytes that cannot be read. If the file ends before them, it is damaged.
     pub(crate) fn unread(self, error: io::Error, what: impl Into<String>) -> TableError {
         match error.kind() {
             io::ErrorKind::UnexpectedEof => self.damaged(what),

@@ -199,7 +199,7 @@ impl<'a> Matrix<'a> {
         let ([rows, _], CHARACTERS) = (&self.size[..], self.class) else { return Ok(None) };
         let Some((kind, range)) = parts.next()? else { return Ok(Some(Vec::new())) };
         let content = &self.bytes[range];
-        // UTF-16, or in other files ASCII stored as UTF-8.
+        // Characters are UTF-16, or ASCII stored as UTF-8.
         let characters: Vec<u16> = match kind {
             UINT16 | UTF16 => {
                 let pairs = content.as_chunks::<2>().0.iter();

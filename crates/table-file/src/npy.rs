@@ -45,7 +45,7 @@ enum NumberKind {
     Bytes(usize),
     /// A string of this number of four-byte characters.
     Characters(usize),
-    /// Anything else, of this number of bytes.
+    /// A value of another type, with its number of bytes.
     Unread {
         size: usize,
         name: String,
@@ -109,7 +109,7 @@ fn layout(
     let shape = shape(entry("shape")?).ok_or_else(|| KIND.damaged("its shape is none"))?;
     let by_column = *entry("fortran_order")? == Value::Bool(true);
     let (columns, names, row_bytes) = match (entry("descr")?, &*shape) {
-        // Treated as a record with a single field.
+        // A plain array is treated as a record with a single field.
         (Value::String(kind), [_, sides @ ..]) if sides.len() < 2 => {
             let field = Value::Array(vec!["values".into(), kind.as_str().into(), sides.into()]);
             let record = Record::new(&[field])?;
@@ -192,7 +192,7 @@ impl Record {
                 let (start, columns) = (self.offset, self.columns.len());
                 self.add_value(&format!("{prefix}{name}{number}"), kind, depth)?;
                 if self.columns.len() == columns {
-                    // Padding, as many times as it is there.
+                    // A field without a name is padding, and may be repeated.
                     let size = self.offset - start;
                     self.offset = start.saturating_add(size.saturating_mul(count.unwrap_or(1)));
                     break;
@@ -413,7 +413,7 @@ mod tests {
         assert_eq!((&offsets[..], npy.row_bytes), (&[0, 8, 10, 18, 20, 30][..], 38));
         let is_unread = |at: usize| npy.unread(at).is_some();
         assert!((0..6).all(|at| is_unread(at) == [2, 4].contains(&at)) && npy.is_time(5));
-        // The deepest and longest arrays of empty records within the limits end at once.
+        // The deepest and longest arrays of empty records within the limits take no time.
         let nothing = (0..DEPTH)
             .fold("('a', [], (4096,))".to_owned(), |inner, _| format!("('a', [{inner}], (4096,))"));
         assert!(layout(&nothing).is_err() || layout(&nothing).unwrap().1.columns.is_empty());

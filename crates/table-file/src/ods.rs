@@ -1,7 +1,7 @@
 //! OpenDocument spreadsheets (OASIS ODF 1.3, part 3): the cells of one sheet, streamed.
 //!
 //! A sheet is a `table` in `content.xml`. Consecutive equal cells and rows are stored once, with a number of
-//! repetitions, which for empty cells reaches the end of the sheet.
+//! repetitions. Empty cells are repeated up to the end of the sheet.
 
 use std::io::Read;
 use std::sync::Arc;
@@ -86,14 +86,14 @@ struct OdsRows<R> {
     length: u64,
     /// The number of the last row.
     number: u64,
-    /// A row that is repeated, and how many times more.
+    /// A repeated row, and its remaining number of repetitions.
     row: Vec<Cell>,
     left: u64,
     unpacked: Unpacked,
 }
 
 impl<R: Read> OdsRows<R> {
-    /// Returns the next row that has a filled cell, and its number.
+    /// Returns the next row with a filled cell, after its number.
     fn next(&mut self) -> Result<Option<(u64, Vec<Cell>)>, TableError> {
         if self.left > 0 {
             self.left -= 1;
@@ -242,7 +242,7 @@ fn duration(text: &str) -> Option<f64> {
             rest = after;
         }
     }
-    // Rounded to the nanosecond: 90.1 s is 60 s and 30.1 s.
+    // The sum of the parts (60 s and 30.1 s) is rounded to the nanosecond, so that it equals 90.1 s.
     rest.is_empty().then(|| sign * (seconds * 1e9).round() / 1e9)
 }
 

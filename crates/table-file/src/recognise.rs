@@ -5,12 +5,12 @@ use crate::kind::FileKind;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Recognised {
     Table(FileKind),
-    /// A known format that is not supported, with an article, and advice on converting the file.
+    /// A known format that is not supported: its name with an article, and advice on converting the file.
     Foreign {
         what: &'static str,
         remedy: &'static str,
     },
-    /// Text, compressed or not, or something unknown.
+    /// Text, possibly compressed, or an unknown format.
     Unknown,
 }
 
@@ -30,10 +30,10 @@ const DECODE: &str =
     "write its signals as CSV: in Python `asammdf` or `cantools`, with the DBC of the sensor";
 const NO_TABLE: &str = "give the table that it was made of";
 
-/// HDF5: at position 0 or a power of two from 512 ("HDF5 File Format Specification Version 3.0", section II.A).
+/// Signature of HDF5 at 0 or a power of two from 512 ("HDF5 File Format Specification Version 3.0", section II.A).
 const HDF5: &[u8] = b"\x89HDF\r\n\x1a\n";
 
-/// Kinds that are not read, by how they begin.
+/// Unsupported formats: their first bytes, names, and advice on converting them.
 const FOREIGN: [(&[u8], &str, &str); 30] = [
     (b"ARROW1", ARROW, AS_PARQUET),
     (b"FEA1", ARROW, AS_PARQUET),
@@ -91,7 +91,7 @@ pub fn recognise(head: &[u8]) -> Recognised {
         [b'T', b'D', b'S', b'm', ..] => return Recognised::Table(FileKind::Tdms),
         _ if head.starts_with(b"#ROSBAG V") => return Recognised::Table(FileKind::Rosbag),
         _ if head.starts_with(b"SQLite format 3\0") => return Recognised::Table(FileKind::Sqlite),
-        // Number of the parameter block, a key, and the byte order there ("The C3D File Format User Guide").
+        // C3D: number of the parameter block, a key, and the block's byte order ("The C3D File Format User Guide").
         [2..=9, 0x50, ..] => {
             let remedy = "write its force plates as CSV, with `ezc3d` in Python or Mokka";
             return foreign("a C3D motion capture file", remedy);
@@ -113,7 +113,7 @@ pub fn recognise(head: &[u8]) -> Recognised {
     found.map_or(Recognised::Unknown, |&(_, what, remedy)| foreign(what, remedy))
 }
 
-/// Recognises texts that are not tables, with their remedy.
+/// Recognises texts that are not tables; returns the format's name, and advice on converting the file.
 fn text_document(head: &[u8]) -> Option<(&'static str, &'static str)> {
     let rest = |text: &'static [u8]| head.trim_ascii_start().strip_prefix(text);
     if rest(b"[").is_some_and(|rest| rest.trim_ascii_start().starts_with(b"{")) {
@@ -142,7 +142,7 @@ fn text_document(head: &[u8]) -> Option<(&'static str, &'static str)> {
 fn is_matlab_4(head: &[u8]) -> bool {
     let Some((header, name)) = head.split_first_chunk::<20>() else { return false };
     let word = |at: usize| [header[at], header[at + 1], header[at + 2], header[at + 3]];
-    // The thousands digit of the type gives the byte order.
+    // The thousands digit of the type is the byte order.
     type Order = fn([u8; 4]) -> u32;
     let orders = [(u32::from_le_bytes as Order, 0), (u32::from_be_bytes as Order, 1)];
     orders.into_iter().any(|(read, machine)| {

@@ -19,8 +19,8 @@ pub(crate) trait Sheet: fmt::Debug + Send + Sync + 'static {
     fn numbered(self: Arc<Self>) -> Result<NumberedRows, TableError>;
 }
 
-/// Selects the sheet `part`, or the first with a table: others may describe the rig in a few cells. `open` opens a
-/// sheet by its position among `names`.
+/// Selects the sheet `part`, or the first with a table. Other sheets may describe the rig in a few cells. `open` opens
+/// a sheet by its position among `names`.
 pub(crate) fn choose<S: Sheet>(
     kind: FileKind,
     names: Vec<String>,
@@ -38,13 +38,13 @@ pub(crate) fn choose<S: Sheet>(
                 sheets.push((filled(&sheet)?, at, sheet));
             }
             let most = sheets.iter().map(|(filled, ..)| *filled).max().unwrap_or(0);
-            // The second of two logs may have some more columns.
+            // The first of two logs is chosen even if the second one has some more columns.
             let is_table = |filled: usize| filled > 1 && 2 * filled >= most;
             sheets.into_iter().find(|(filled, ..)| is_table(*filled)).map(|(_, at, it)| (at, it))
         }
     };
     let Some((at, sheet)) = chosen else { return Err(kind.choice("sheet", part, names)) };
-    // Names are in a row, or absent.
+    // The names of columns are in a row, or absent.
     let mut found = FoundTable::new(None, SheetRows(sheet));
     if names.len() > 1 && part.is_none() {
         let name = &names[at];
@@ -65,7 +65,7 @@ fn filled<S: Sheet>(sheet: &Arc<S>) -> Result<usize, TableError> {
     Ok(count)
 }
 
-/// The rows of a sheet, with those that are not in the file.
+/// The rows of a sheet, including blank rows that the file omits.
 #[derive(Debug)]
 struct SheetRows<S>(Arc<S>);
 
@@ -83,7 +83,7 @@ impl<S: Sheet> RowSource for SheetRows<S> {
 
     fn rows(self: Arc<Self>, wanted: Vec<WantedColumn>) -> Result<RowStream, TableError> {
         let mut numbered = Arc::clone(&self.0).numbered()?;
-        // The number of the last row returned, and a row further down that waits for its turn.
+        // The number of the last row returned, and the next row of the file if blank rows precede it.
         let (mut given, mut waiting) = (0, None);
         let next = move || {
             let next = match waiting.take() {
@@ -93,7 +93,7 @@ impl<S: Sheet> RowSource for SheetRows<S> {
             let Some((row, cells)) = next else { return Ok(None) };
             given += 1;
             if row > given {
-                // A row that is not in the file is blank.
+                // A row that the file omits is blank.
                 waiting = Some((row, cells));
                 return Ok(Some(Vec::new()));
             }

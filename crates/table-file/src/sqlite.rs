@@ -22,7 +22,7 @@ const LEAF: u8 = 13;
 pub(crate) struct Database {
     file: BufReader<OpenFile>,
     page_bytes: usize,
-    /// Bytes of a page without those at its end that extensions use.
+    /// Number of bytes of a page, without the end that is reserved for extensions.
     usable: usize,
     pages: u32,
     file_bytes: u64,
@@ -111,9 +111,9 @@ impl Database {
 }
 
 pub(crate) struct TableRows {
-    /// Pages that have not been read, the next one last.
+    /// Pages to be read; the next one is last.
     waiting: Vec<u32>,
-    /// Positions of rows in the current page, the next one last.
+    /// Positions of rows in the current page; the next one is last.
     cells: Vec<usize>,
     page: Vec<u8>,
     /// Number of pages that may still be read: a table does not visit a page twice.
@@ -189,7 +189,7 @@ impl TableRows {
         if here < length {
             let next = bytes[here..].first_chunk().ok_or_else(wrong)?;
             let (mut next, mut page) = (u32::from_be_bytes(*next), Vec::new());
-            // Each page adds bytes, so that a circle of pages ends.
+            // Each page adds bytes, so that a loop of pages ends.
             while payload.len() < length {
                 database.page(next, &mut page)?;
                 let (number, content) = page.split_first_chunk::<4>().ok_or_else(wrong)?;

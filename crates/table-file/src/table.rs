@@ -21,14 +21,13 @@ pub struct Table {
     pub notes: Vec<String>,
     /// True if the file ends in the middle of its content, as after the recorder was killed.
     pub is_cut_off: bool,
-    /// Keys and values that describe the whole table: `sample_rate`, `units`, and by its column, `units.fx`.
+    /// Keys and values that describe the whole table: `sample_rate`, `units`, or for one column `units.fx`.
     pub attributes: Vec<(String, String)>,
     rows: Arc<dyn RowSource>,
 }
 
 impl Table {
-    /// Opens a file and finds the table in the matrix, group, sheet or topic `part`, or else the one that holds a
-    /// log.
+    /// Opens a file and finds its table: the matrix, group, sheet or topic `part`, or else the table that holds a log.
     ///
     /// # Errors
     /// [`TableError`] if the file cannot be read, is damaged, or has no such part.
@@ -58,7 +57,7 @@ impl Table {
         Some(columns.map(|column| column.name.clone()).collect())
     }
 
-    /// Returns the units, empty for a column without one; an empty list if columns have no names.
+    /// Returns the unit of each column, empty if it has none. The list is empty if columns have no names.
     pub fn units(&self) -> Vec<String> {
         let columns = self.columns.iter().flatten();
         columns.map(|column| column.unit.clone().unwrap_or_default()).collect()
@@ -69,12 +68,12 @@ impl Table {
         self.rows.columns()
     }
 
-    /// Returns true if the format says that the values of a column, from 0, are times.
+    /// Returns true if the format declares a column, from 0, as times.
     pub fn is_time(&self, column: usize) -> bool {
         self.rows.is_time(column)
     }
 
-    /// Returns true if the format says that the values of a column, from 0, are floating-point numbers.
+    /// Returns true if the format declares a column, from 0, as floating-point numbers.
     pub fn is_real(&self, column: usize) -> bool {
         self.rows.is_real(column)
     }
@@ -136,7 +135,7 @@ impl Table {
             (0..columns).filter(is_read).map(|at| WantedColumn { at, is_text: true }).collect();
         let head = |wanted: &[WantedColumn]| self.head_of(wanted.to_vec(), rows, bytes);
         match head(&wanted) {
-            // A column that nobody may want.
+            // One column is not supported, but may not be wanted.
             Err(TableError::Unsupported { .. }) => {
                 let is_read = |column: &WantedColumn| {
                     !matches!(head(&[*column]), Err(TableError::Unsupported { .. }))
@@ -189,7 +188,7 @@ pub(crate) fn attributes_of(name: &str, value: &Value, pairs: &mut Vec<(String, 
     }
 }
 
-/// Writes a row with its columns at the given places. A line of a sheet ends with its last cell.
+/// Writes a row with its columns at the given places. A line of a sheet ends with its last filled cell.
 fn write_row(
     part: &TablePart,
     row: usize,
@@ -207,7 +206,7 @@ fn write_row(
             && let Some(cell) = cells.get(row)
         {
             let field = cell.text();
-            // In a text such a line would be a remark.
+            // In a text, such a line would be a comment.
             let is_mark = text.len() == start && field.starts_with(['#', '%', '/']);
             match is_mark && (columns.is_some() || is_error(&field)) {
                 true => text.extend(format!("\"{}\"", field.replace('"', "\"\"")).bytes()),

@@ -6,8 +6,8 @@
 //!          values, channel by channel or row by row
 //! ```
 //!
-//! A channel's values are in any number of segments; one without a list of objects continues the one before. Linear
-//! and polynomial scales are applied.
+//! A channel's values are in any number of segments. A segment without a list of objects has the objects of the
+//! previous one. Linear and polynomial scales are applied.
 
 use std::collections::HashMap;
 use std::io::{Read, Seek, SeekFrom};
@@ -32,11 +32,11 @@ const HAS_VALUES: u32 = 1 << 3;
 const IS_BY_ROW: u32 = 1 << 5;
 const IS_BIG_ENDIAN: u32 = 1 << 6;
 
-/// The position of the next segment in an unfinished segment.
+/// The position of the next segment as stated by an unfinished segment.
 const UNFINISHED: u64 = u64::MAX;
 
-/// Indexes: no values, the same as before, and measurement cards (DAQmx), whose samples or digital lines are mixed in
-/// a buffer.
+/// Kinds of indexes: no values, the same index as before, or values of measurement cards (DAQmx), whose samples or
+/// digital lines share a buffer.
 const NO_VALUES: u32 = 0xffff_ffff;
 const SAME_VALUES: u32 = 0;
 const OF_CARD: u32 = 0x1269;
@@ -50,12 +50,12 @@ struct Index {
     count: u64,
     /// Size of all texts in bytes.
     bytes: u64,
-    /// A card's buffer number, and the position in a row of it.
+    /// The number of a card's buffer, and the position in a row of this buffer.
     card: Option<(usize, u64)>,
 }
 
 impl Index {
-    /// Returns a card's buffer and the position in its rows, which have these lengths; `None` if they do not fit.
+    /// Returns a card's buffer and the position in its rows; `None` if a value exceeds the length of a row in `rows`.
     fn place_in(&self, rows: &[u64]) -> Option<(usize, u64)> {
         let (buffer, offset) = self.card?;
         let end = offset.saturating_add(size(self.kind)? as u64);
@@ -106,14 +106,14 @@ struct TdmsTable {
 pub(crate) fn open(source: &FileSource, part: Option<&str>) -> Result<FoundTable, TableError> {
     let mut reader = Reader::new(source)?;
     while reader.segment()? {}
-    // The reader notes only a missing end.
+    // The reader has a note only if the end is missing.
     let Reader { channels, mut notes, .. } = reader;
     let is_cut_off = !notes.is_empty();
     let (mut channels, parents): (Vec<Channel>, Vec<Channel>) =
         channels.into_iter().partition(|channel| channel.name.contains('/'));
     for channel in channels.iter_mut().filter(|channel| !channel.has_scales()) {
         let group = channel.name.split('/').next().unwrap_or_default();
-        // The scales of a group, or else of the file, whose name is empty.
+        // A channel may have the scales of its group, or else of the file, whose name is empty.
         let of = |name: &str| parents.iter().find(|it| it.name == name && it.has_scales());
         if let Some(parent) = of(group).or_else(|| of("")) {
             let all = parent.properties.iter().filter(|(key, _)| key.starts_with("NI_"));
@@ -123,7 +123,7 @@ pub(crate) fn open(source: &FileSource, part: Option<&str>) -> Result<FoundTable
     let arrays = channels.iter().map(Channel::array).collect();
     let (columns, mut arrays, more) = columns_of_log(KIND, arrays, part)?;
     notes.extend(more);
-    // A single channel is a vector, which has a name.
+    // A single channel is a vector, whose column has a name.
     let mut columns = columns.unwrap_or_default();
     let is_used = |channel: &&Channel| arrays.arrays.iter().any(|array| array.name == channel.name);
     let clocks: Vec<(&Channel, Clock)> =
@@ -132,7 +132,7 @@ pub(crate) fn open(source: &FileSource, part: Option<&str>) -> Result<FoundTable
     if let Some(first) = first
         && clocks.iter().any(|(_, clock)| !clock.agrees_with(first))
     {
-        // The rows of channels with other clocks are at other times.
+        // Channels with different clocks have their rows at different times.
         let group = |name: &str| name.split('/').next().unwrap_or_default().to_owned();
         let mut groups: Vec<String> = clocks.iter().map(|(it, _)| group(&it.name)).collect();
         groups.dedup();
@@ -344,7 +344,7 @@ impl Reader {
         Ok(())
     }
 
-    /// Adds the values of cards between two positions: buffers in turn, each with rows of all channels.
+    /// Adds the values of cards between two positions. The buffers follow one another.
     fn add_card_values(&mut self, start: u64, end: u64, is_little: bool) -> Result<(), TableError> {
         let active: Vec<(usize, Index)> =
             self.active.iter().map(|&at| (at, self.indexes[at])).collect();
@@ -378,7 +378,7 @@ impl Reader {
         Ok(())
     }
 
-    /// Adds a piece to a channel, or to its last piece if that ends where the new one begins.
+    /// Adds a piece to a channel, or extends the last piece if the new one follows it directly.
     fn add_piece(&mut self, place: usize, is_little: bool, piece: Piece) -> Result<(), TableError> {
         if piece.count == 0 {
             return Ok(());
@@ -410,13 +410,13 @@ impl Reader {
     }
 }
 
-/// Returns the number of whole values in the bytes left; texts are all there or none.
+/// Returns the number of whole values in the `room` bytes left. Texts are either complete or not read.
 fn whole_values(room: u64, size: u64, stride: u64, index: &Index) -> u64 {
     let whole = match size {
         0 if room >= index.bytes => index.count,
         0 => 0,
         _ if room < size => 0,
-        // The last value of a row ends before the row does.
+        // No full `stride` follows the last value.
         _ => (room - size) / stride + 1,
     };
     index.count.min(whole)
@@ -424,15 +424,15 @@ fn whole_values(room: u64, size: u64, stride: u64, index: &Index) -> u64 {
 
 const SEVERAL_SCALERS: &str = "values of a card that several scalers make";
 
-/// Reads a card channel's index and the row lengths in the buffers. Values not from exactly one place have no place.
+/// Reads a card channel's index and the row lengths of the buffers. `card` is `None` unless values come from one place.
 fn card_index(fields: &mut Fields<'_>, is_line: bool) -> Option<(Index, Vec<u64>)> {
     let (_kind, _dimension, count) = (fields.u32()?, fields.u32()?, fields.u64()?);
     let (scalers, mut index) = (fields.u32()?, Index { count, ..Index::default() });
     for _ in 0..scalers {
         let (kind, buffer, offset) = (fields.u32()?, fields.u32()?, fields.u32()?);
-        // A bitmap of the sample format, and the number of the scaler.
+        // Skips a bitmap of the sample format, and the number of the scaler.
         fields.take(if is_line { 5 } else { 8 })?;
-        // Cards number the types in another way: unsigned and signed in turn, then floating-point numbers.
+        // Cards have other type numbers: alternately unsigned and signed integers, then floating-point numbers.
         let kind = match kind {
             0..8 if kind % 2 == 0 => 5 + kind / 2,
             0..8 => 1 + kind / 2,
@@ -479,10 +479,10 @@ fn element(kind: u32) -> Option<Element> {
     })
 }
 
-/// Seconds from 1904, where times begin, to 1970.
+/// Seconds from 1904, the epoch of times, to 1970.
 const TO_1970: i64 = 2_082_844_800;
 
-/// Returns the seconds since 1970 of a time: 2⁻⁶⁴ s, and seconds since 1904, in the order of the bytes.
+/// Converts a time to seconds since 1970. One word has 2⁻⁶⁴ s, the other (first if big-endian) s since 1904.
 fn time_of(bytes: &[u8], is_little: bool) -> f64 {
     let mut words = [0_u64; 2];
     for (word, bytes) in words.iter_mut().zip(bytes.chunks_exact(8)) {
@@ -580,7 +580,7 @@ impl Channel {
         }
     }
 
-    /// The channel as an array whose values have not been read.
+    /// Returns the channel as an array whose values have not been read.
     fn array(&self) -> Array {
         let values = match self.kind {
             _ if let Some(why) = self.unread => ArrayValues::Other(why),
@@ -608,7 +608,7 @@ impl Channel {
         }
     }
 
-    /// Returns the time of a waveform's first value and from value to value, s.
+    /// Returns the times of a waveform, if the channel states its step.
     fn clock(&self) -> Option<Clock> {
         let increment = self.number("wf_increment").filter(|step| *step > 0.0)?;
         let offset = self.number("wf_start_offset").unwrap_or(0.0);
@@ -619,8 +619,8 @@ impl Channel {
         Some(Clock { start: start + offset, offset, increment })
     }
 
-    /// Returns the scales in the order of application; `None` if one is not a polynomial. The last scale counts; each
-    /// takes the stored values or the result of another scale.
+    /// Returns the scales in the order of application; `None` if one is not a polynomial. The last scale yields the
+    /// result. The input of each scale is the stored values or the result of another scale.
     fn scales(&self) -> Option<Vec<Polynomial>> {
         // A key is `NI_Scale[1]_Scale_Type`.
         let numbered = self.properties.keys().filter_map(|key| {
@@ -634,13 +634,13 @@ impl Channel {
             return Some(scales);
         }
         let mut at = count - 1.0;
-        // More than a few scales take each other's values in a circle.
+        // A longer chain of scales is a loop.
         for _ in 0..16 {
             let key = |of: &str| format!("NI_Scale[{at}]_{of}");
             let number = |of: &str| self.number(&key(of));
             let kind = match self.text(&key("Scale_Type")) {
                 Some(kind) => kind,
-                // The scale of the card itself, which has no properties.
+                // The scale belongs to the card itself, and has no properties.
                 None if self.is_of_card => break,
                 None => return None,
             };
@@ -657,7 +657,7 @@ impl Channel {
             });
             match number(&format!("{kind}_Input_Source")) {
                 Some(source) if source < count => at = source,
-                // The stored values.
+                // The input of the scale is the stored values.
                 _ => {
                     scales.reverse();
                     return Some(scales);
@@ -709,7 +709,7 @@ impl Channel {
         Ok(ArrayValues::Numbers(ArrayNumbers { bytes: Arc::new(bytes), range, element, is_little }))
     }
 
-    /// Reads texts: in each piece the positions of their ends, followed by the texts.
+    /// Reads texts. Each piece has the positions of their ends, followed by the texts.
     fn texts(&self, file: &mut OpenFile) -> Result<ArrayValues, TableError> {
         let cut_off = |error| KIND.unread(error, format!("`{}` is cut off", self.name));
         let wrong = || KIND.damaged(format!("the texts of `{}`", self.name));
@@ -791,8 +791,8 @@ impl RowSource for TdmsTable {
 mod tests {
     use super::*;
 
-    /// A file of one segment with a channel of four doubles in each group; groups have their start in s since 1904
-    /// and the step of their clocks.
+    /// A file of one segment, with a channel of four doubles in each group. A group is its name, its start in s since
+    /// 1904, and the step of its clock in s.
     fn file(groups: &[(&str, i64, f64)]) -> FileSource {
         let text = |text: &str| [&(text.len() as u32).to_le_bytes()[..], text.as_bytes()].concat();
         let mut objects = (groups.len() as u32).to_le_bytes().to_vec();
@@ -834,7 +834,7 @@ mod tests {
         }
     }
 
-    /// The fourth value of 0, 1, 2, … as npTDMS 1.13 scales it; `None` for scales that are not read.
+    /// The fourth of the values 0, 1, 2, … as npTDMS 1.13 scales it; `None` for scales that are not supported.
     #[test]
     fn scales_are_applied_as_nptdms_applies_them() {
         let linear = |at: usize, slope: f64, intercept: f64, source: Option<f64>| {

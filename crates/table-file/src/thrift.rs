@@ -1,12 +1,12 @@
-//! The compact protocol of Thrift ("Thrift Compact protocol encoding"), in which Parquet's metadata are encoded, as
-//! values with numbered fields.
+//! The compact protocol of Thrift ("Thrift Compact protocol encoding"), which encodes Parquet's metadata as values with
+//! numbered fields.
 
 use crate::bytes::{ByteReader, push_varint};
 
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Value {
     Truth(bool),
-    /// Only written; any integer that is read becomes a [`Value::Whole`].
+    /// A 32-bit integer to write. Any integer that is read becomes a [`Value::Whole`].
     Int(i32),
     Whole(i64),
     Bytes(Vec<u8>),
@@ -131,7 +131,7 @@ fn structure(bytes: &mut ByteReader<'_>, depth: usize) -> Option<Value> {
 
 fn value(bytes: &mut ByteReader<'_>, kind: u8, depth: usize) -> Option<Value> {
     Some(match kind {
-        // Only elements of a list have a byte.
+        // Booleans have a byte only as elements of a list.
         1 | 2 => Value::Truth(bytes.u8()? == 1),
         3 => Value::Whole(i64::from(bytes.u8()? as i8)),
         4..=6 => Value::Whole(bytes.zigzag()?),

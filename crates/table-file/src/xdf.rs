@@ -37,7 +37,7 @@ struct LslStream {
     name: String,
     channels: Vec<TableColumn>,
     rate_hz: f64,
-    /// `None` for text.
+    /// The type of values; `None` for text.
     element: Option<Element>,
     times_s: Vec<f64>,
     values: Vec<Vec<f64>>,
@@ -91,7 +91,7 @@ fn read(bytes: &[u8]) -> Result<(Vec<LslStream>, bool), TableError> {
         let at = bytes.len() - file.rest.len();
         let content = length(&mut file).and_then(|length| file.take(usize::try_from(length).ok()?));
         let Some(content) = content else {
-            // The recorder was killed in the middle of a write.
+            // The recorder was killed while it wrote this chunk.
             is_cut_off = true;
             break;
         };
@@ -106,7 +106,7 @@ fn read(bytes: &[u8]) -> Result<(Vec<LslStream>, bool), TableError> {
     Ok((streams, is_cut_off))
 }
 
-/// Reads a length of 1, 4 or 8 bytes, which follows the number of its bytes.
+/// Reads the number of bytes of a length (1, 4 or 8), then the length.
 fn length(bytes: &mut ByteReader<'_>) -> Option<u64> {
     match bytes.u8()? {
         1 => bytes.u8().map(u64::from),
@@ -340,7 +340,7 @@ fn table(
     (columns, rows)
 }
 
-/// Interpolates the channels of a stream to other times; NaN where it has no samples around them.
+/// Interpolates the channels of `other` to `times_s`; NaN for times without samples around them.
 fn join(times_s: &[f64], other: &LslStream) -> Vec<Vec<f64>> {
     // Stamps may go back if a clock was set.
     let mut order: Vec<usize> = (0..other.times_s.len()).collect();
@@ -474,7 +474,7 @@ mod tests {
         cut.push(ByteWriter(vec![4, 200, 0, 0, 0, 3, 0]));
         let found = open_bytes(&cut, None).unwrap();
         assert!(found.is_cut_off);
-        // A damaged byte never makes the reader read beyond the data.
+        // A damaged byte is never a reason to read beyond the data.
         for at in 0..two[0].0.len() {
             let mut damaged = two.to_vec();
             damaged[0].0[at] ^= 0xff;

@@ -144,8 +144,8 @@ fn time_styles(
     Ok(styles)
 }
 
-/// Determines how a format displays days; `None` if not as a date or time. Quoted letters have no meaning, and
-/// brackets enclose hours, minutes or seconds that may exceed a day, an hour or a minute.
+/// Determines how a number format displays days; `None` if it does not display a date or time. Quoted letters have no
+/// meaning, and brackets enclose hours, minutes or seconds that may exceed a day, an hour or a minute.
 fn time_style(code: &str) -> Option<TimeStyle> {
     let (mut quoted, mut bracket, mut escaped) = (false, None, false);
     let mut letters = String::new();
@@ -190,7 +190,7 @@ impl Sheet for XlsxSheet {
 }
 
 impl XlsxSheet {
-    /// Reads the next row in the file after the row number `before`, and its number.
+    /// Reads the next row in the file, which follows row number `before`; returns it with its number.
     fn next_row(
         &self,
         xml: &mut Xml<impl Read>,
@@ -282,7 +282,7 @@ impl OpenCell {
                 let text = self.text.trim().parse().ok().and_then(|at: usize| sheet.texts.get(at));
                 Cell::Text(text.ok_or("it refers to no text")?.clone())
             }
-            // Text, errors of formulas such as #DIV/0!, and dates as text.
+            // The cell holds a text, an error of a formula such as #DIV/0!, or a date as text.
             "str" | "inlineStr" | "e" | "d" => Cell::Text(self.text),
             "b" => Cell::Whole(i64::from(self.text.trim() == "1")),
             _ if self.text.trim().is_empty() => Cell::Missing,

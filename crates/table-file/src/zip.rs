@@ -18,7 +18,7 @@ pub(crate) struct ZipEntry {
     start: u64,
 }
 
-/// Largest distance of the end record from the end of the archive: a comment follows it.
+/// Largest distance from the start of the end record, which a comment may follow, to the end of the archive.
 const END: u64 = 22 + 0xffff;
 
 pub(crate) fn entries(kind: FileKind, file: &FileSource) -> Result<Vec<ZipEntry>, TableError> {
@@ -70,7 +70,7 @@ fn entry(bytes: &mut ByteReader<'_>) -> Option<ZipEntry> {
 }
 
 /// Returns the compressed length and the position of the header. Numbers beyond 32 bits are in an extra field, after
-/// the uncompressed length if that does not fit either.
+/// the uncompressed length if it exceeds 32 bits, too.
 fn in_64_bits(extra: &[u8], size: u32, packed: u32, start: u32) -> Option<(u64, u64)> {
     let mut fields = ByteReader::new(extra);
     let mut long = ByteReader::new(&[]);

@@ -56,7 +56,7 @@ fn lookup3(bytes: &[u8]) -> u32 {
         a = a.wrapping_add(word(0));
         b = b.wrapping_add(word(4));
         c = c.wrapping_add(word(8));
-        // The three take turns.
+        // The three words take turns.
         if blocks.peek().is_some() {
             for bits in [4, 6, 8, 16, 19, 4] {
                 a = a.wrapping_sub(c) ^ c.rotate_left(bits);
@@ -116,7 +116,7 @@ fn misstated(seed: &[u8], random: &mut RandomStream) -> Vec<u8> {
     bytes
 }
 
-/// A file whose vectors claim 2²⁴ one-byte rows in chunks of one row: a list of the chunks takes 5.7 GB.
+/// A file whose vectors claim 2²⁴ one-byte rows in chunks of one row. A list of the chunks would take 5.7 GB.
 fn in_tiny_chunks(seed: &[u8]) -> Vec<u8> {
     const FLOATS: [u8; 8] = [0x11, 0x20, 0x3f, 0, 8, 0, 0, 0];
     const BYTES: [u8; 12] = [0x10, 0, 0, 0, 1, 0, 0, 0, 0, 0, 8, 0];
@@ -139,7 +139,7 @@ fn in_tiny_chunks(seed: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// Set in the process that reads under a limit.
+/// The environment variable that is set in the process that reads under a limit.
 const IS_LIMITED: &str = "SHELLCAL_TEST_IS_LIMITED";
 
 /// Half of the memory that the documentation allows, KiB. Taking more ends the process.

@@ -64,7 +64,7 @@ fn columns_are_the_same_on_any_number_of_threads() {
         let wanted = (0..names.len()).map(|at| WantedColumn { at, is_text: false }).collect();
         let mut stream = table.rows(wanted, threads).unwrap();
         let (mut found, mut part) = (vec![Vec::new(); names.len()], TablePart::default());
-        // No multiple of the rows of a group.
+        // 7001 is not a multiple of the rows in a group.
         while stream.next(7_001, &mut part).unwrap() {
             for (found, column) in found.iter_mut().zip(&part.columns) {
                 let ColumnPart::Numbers { values, .. } = column else { panic!("no numbers") };

@@ -22,7 +22,7 @@ fn a_pair_becomes_a_training_log_that_can_be_fitted() {
     assert_eq!(report["rows"]["uncovered"], 0);
     assert_eq!(report["rows"]["written"], truth["log_rows"]);
 
-    // Every frame is unchanged in the training log, and has a wrench that the springs respond to.
+    // The training log has every frame, unchanged, and a wrench from which a calibration can be fitted.
     let training = std::fs::read_to_string(at.join("train.csv")).unwrap();
     let log = std::fs::read_to_string(at.join("log.csv")).unwrap();
     let mut lines = training.lines();
@@ -45,7 +45,7 @@ fn units_and_names_of_either_file_can_be_given() {
     let at = directory.path();
     succeed(at, PAIR);
     let plain = succeed(at, "align ref.csv log.csv --quiet");
-    // Times in ms and moments in mN·m under other names; the log in µs.
+    // The reference gets times in ms and moments in mN·m under other names, the log times in µs.
     let rewrite = |from: &str, to: &str, header: &str, scale: &[f64]| {
         let text = std::fs::read_to_string(at.join(from)).unwrap();
         let row = |line: &str| {
@@ -73,7 +73,7 @@ fn units_and_names_of_either_file_can_be_given() {
     let (plain, told) = (numbers(&plain), numbers(&told));
     assert_eq!(plain.len(), told.len());
     for (a, b) in plain.into_iter().zip(told) {
-        // Values in other units round differently, and so do their sums.
+        // Values in other units, and thus their sums, have other rounding errors.
         assert!((a - b).abs() < 1e-5, "{a} {b}");
     }
 }
@@ -122,8 +122,8 @@ fn the_same_command_makes_the_same_pair() {
     assert!(read("b.csv") != read("d.csv"));
 }
 
-/// Adds a sync signal to a pair: high for 50 ms from each of `edges_s` on, in the reference's
-/// clock; the board log gets the times at which the board sees the edges.
+/// Adds a sync signal to a pair of logs. The signal is high for 50 ms from each of `edges_s` (reference clock) on; the
+/// board log gets the times at which the board sees the edges.
 fn add_edges(at: &Path, edges_s: &[f64], offset_s: f64, skew: f64) {
     let text = std::fs::read_to_string(at.join("ref.csv")).unwrap();
     let mut lines = text.lines();
@@ -168,8 +168,8 @@ fn edges_of_a_common_signal_align_recordings_that_loads_do_not() {
         assert_eq!(report["edges"]["matched"], 7, "{report}");
         assert_eq!(report["edges"]["by_loads"].is_object(), by_loads);
         assert_eq!(report["explained"].is_number(), by_loads);
-        // Bounds: a sample period of the reference over √12 if the error is common to all edges,
-        // and the error of the mean of seven edges.
+        // The bounds are a sample period of the reference over √12, for an error common to all edges, and the error of
+        // the mean of seven edges.
         let sample_s = 1e-3 / 12_f64.sqrt();
         let range = sample_s / 8_f64.sqrt()..sample_s;
         assert!(range.contains(&clock("offset_se_s")), "{report}");
@@ -178,8 +178,8 @@ fn edges_of_a_common_signal_align_recordings_that_loads_do_not() {
         assert!((clock("skew") - skew).abs() < 3.0 * clock("skew_se"), "{report}");
         assert!(report["rows"]["written"].as_u64().unwrap() > 2_900);
     }
-    // The clocks from the loads agree with those from the edges within their errors, and are the
-    // same without `--sync`.
+    // Clocks fitted to the loads agree with clocks from the edges within their errors. They are the same without
+    // `--sync`.
     succeed(at, &format!("{PAIR} --offset {offset_s} --skew 120"));
     let plain = json(at, "align ref.csv log.csv -o plain.csv --json");
     assert!(plain["edges"].is_null());

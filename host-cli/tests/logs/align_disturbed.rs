@@ -10,7 +10,7 @@ fn check(reference: Recording, board: Recording, truth: &PairSettings) {
     let aligned = align(reference, board, Options::default()).unwrap();
     let (offset_s, skew) = errors(&aligned.clock, truth);
     let clock = aligned.clock;
-    // Four standard errors, and the limits for an undisturbed session.
+    // The tolerance is four standard errors, but at most the limit for an undisturbed session.
     assert!(offset_s.abs() < (4.0 * clock.offset_se_s).min(200e-6), "{offset_s} {clock:?}");
     assert!(skew.abs() < 4.0 * clock.skew_se && skew.abs() < 5e-6, "{skew} {clock:?}");
 }
@@ -53,7 +53,7 @@ fn an_uneven_clock_does_not_bias() {
 
 #[test]
 fn repeated_rows_do_not_bias() {
-    // A logger at 1 kHz that repeats each frame nine times; the first is new.
+    // A logger at 1 kHz writes each frame ten times; only the first row is new.
     let (reference, fresh) = recordings(SESSION);
     let mut board = Recording { time_s: vec![], columns: vec![vec![]; 8] };
     for row in 0..fresh.time_s.len() {
@@ -70,7 +70,7 @@ fn repeated_rows_do_not_bias() {
     assert_eq!(aligned.board_left_out.repeated, rows / 10 * 9);
     let (offset_s, _) = errors(&aligned.clock, &SESSION);
     assert!(offset_s.abs() < 200e-6, "{offset_s}");
-    // Without the option, found from the jumps around the repeats.
+    // Without the option, repeats are recognised by the jumps around them.
     let aligned = align(reference, board, Options::default()).unwrap();
     let (offset_s, _) = errors(&aligned.clock, &SESSION);
     assert!(offset_s.abs() < 200e-6, "{offset_s}");
@@ -110,7 +110,7 @@ fn a_partial_overlap_is_found() {
         rows += 1;
         Ok::<(), ()>(())
     });
-    // 50 s of 100 s, less half a kernel (0.125 s) at both ends.
+    // The overlap is 50 s of 100 s, less half a kernel (0.125 s) at both ends.
     assert!((4970..=4980).contains(&rows), "{rows}");
     assert_eq!(uncovered.unwrap() + rows, 10_000);
 }
@@ -145,7 +145,7 @@ fn the_scale_of_the_columns_does_not_matter() {
     };
     let other = align(scaled(reference, 1024.0), scaled(board, 1.0 / 64.0), Options::default());
     let other = other.unwrap().clock;
-    // Powers of two scale without rounding; the floors against division by zero do not.
+    // Powers of two scale without rounding, but the lower limits that prevent division by zero are not scaled.
     assert!((plain.offset_s - other.offset_s).abs() < 1e-9);
     assert!((plain.skew - other.skew).abs() < 1e-10);
 }

@@ -76,7 +76,7 @@ fn a_wrench_in_another_file_gives_the_same_coefficients() {
     }
 }
 
-/// Forces and moments in counts of a millionth, below the head of ATI's demo.
+/// The wrench is in counts of a millionth of N and N·m, below a head like that of ATI's demo.
 #[test]
 fn each_file_is_read_by_its_own_head() {
     let dir = tempfile::tempdir().unwrap();
@@ -98,7 +98,7 @@ fn each_file_is_read_by_its_own_head() {
     fs::write(dir.join("ati.csv"), format!("{head}{loads}")).unwrap();
     let readings = columns(&text, [1, 9], true);
     fs::write(dir.join("readings.csv"), &readings).unwrap();
-    // The log has a wrench of its own, and another separator.
+    // The second log has its own wrench, and another separator.
     let own: String = readings
         .lines()
         .enumerate()
@@ -117,7 +117,7 @@ fn each_file_is_read_by_its_own_head() {
         assert_eq!(said.contains(expected), name == "own", "{said}");
         let [found, whole] =
             [format!("{name}.json"), "whole.json".to_owned()].map(|file| coefficients(dir, &file));
-        // Counts are rounded to doubles, and so are the loads that they become.
+        // Both the counts and the loads computed from them are rounded to doubles.
         let flat = |of: &Value| of.to_string().replace(['[', ']'], "");
         for (found, whole) in flat(&found).split(',').zip(flat(&whole).split(',')) {
             let [found, whole] = [found, whole].map(|number| number.parse::<f64>().unwrap());

@@ -19,7 +19,7 @@ use shellcal::workflow::convert::{
 use shellcal::workflow::selection::RowFilter;
 use system_tests::real_recording;
 
-/// Coefficients without any pattern, in N per count.
+/// Irregular coefficients, in N and N·m per count.
 fn linear(channels: usize) -> Calibration {
     let model = Model { basis: Basis::Linear, intercept: false, channels, memory: 0 };
     let row = |channel: usize| {
@@ -40,7 +40,7 @@ fn wrench(calibration: &Calibration, frame: usize) -> [f64; 6] {
     })
 }
 
-/// A log at 1 kHz, three channels; every frame is written `repeats` times.
+/// Writes a log at 1 kHz with three channels; every frame is written `repeats` times.
 fn csv(directory: &Path, frames: usize, repeats: usize) -> PathBuf {
     let mut text = String::from("t_s,s1,s2,s3\n");
     for row in 0..frames * repeats {
@@ -102,13 +102,13 @@ fn run(path: &Path, options: &ConvertOptions) -> Result<(String, ConvertSummary)
     run_on(&open(path), &linear(3), options)
 }
 
-/// Numbers row by row; empty cells are NaN.
+/// Returns the numbers row by row; empty cells are NaN.
 fn numbers(text: &str) -> Vec<Vec<f64>> {
     let number = |field: &str| if field.is_empty() { f64::NAN } else { field.parse().unwrap() };
     text.lines().skip(1).map(|line| line.split(',').map(number).collect()).collect()
 }
 
-/// The largest term is 29 N; sums of three round to 1e-14 of that.
+/// The largest term is 29 N; the relative rounding error of a sum of three is 1e-14.
 const TOLERANCE: f64 = 1e-12;
 
 #[test]
@@ -214,7 +214,7 @@ fn a_tared_causal_filter_starts_from_zero() {
     let forces = ForceOptions { low_pass: low_pass(25.0, false), ..tared(TareRule::First(1)) };
     let options = ConvertOptions { forces, ..options() };
     let (text, _) = run(&path, &options).unwrap();
-    // The first frame is the tare: zero in, zero out.
+    // The first frame is the tare, so its wrench is zero.
     assert_eq!(numbers(&text)[0][1..7], [0.0; 6]);
 }
 
@@ -347,7 +347,7 @@ fn calibration_that_overflows() -> Calibration {
 const TRIAL: &str =
     "skinproc/velociroach_s=10cm_w=5.5cm_h=27cm_layer=3_ply=6_f=13Hz_beetleshell_run3.txt";
 
-/// 24 features (s1, s1², s1³, s2, …) by six axes in N and mN·m.
+/// Reads a matrix of 24 features (s1, s1², s1³, s2, …) by six axes, in N and mN·m.
 fn lab_matrix(path: &Path) -> Vec<[f64; 6]> {
     let text = std::fs::read_to_string(path).unwrap();
     let row = |line: &str| -> [f64; 6] {
@@ -357,7 +357,7 @@ fn lab_matrix(path: &Path) -> Vec<[f64; 6]> {
     text.lines().skip(1).map(row).collect()
 }
 
-/// Time in µs and eight readings per row.
+/// Reads the time in µs and eight readings from each row.
 fn lab_trial(path: &Path) -> Vec<(f64, [f64; 8])> {
     let text = std::fs::read_to_string(path).unwrap();
     let row = |line: &str| {
@@ -372,7 +372,7 @@ fn lab_trial(path: &Path) -> Vec<(f64, [f64; 8])> {
 fn the_labs_trial_is_converted_as_by_direct_evaluation() {
     let (matrix, trial) = (real_recording("skinproc/N_matrix_trial9.csv"), real_recording(TRIAL));
     let (matrix, log) = (lab_matrix(&matrix), lab_trial(&trial));
-    // Feature by feature, in the lab's order and units, without the library.
+    // The reference sums feature by feature, in the lab's order and units, without the library.
     let direct = |readings: &[f64; 8], axis: usize| -> (f64, f64) {
         let unit = if axis < 3 { 1.0 } else { 1e-3 };
         let mut sum = 0.0;
@@ -389,7 +389,7 @@ fn the_labs_trial_is_converted_as_by_direct_evaluation() {
     let si = |row: &[f64; 6]| std::array::from_fn(|i| row[i] * if i < 3 { 1.0 } else { 1e-3 });
     let rows = matrix.iter().map(si).collect();
     let calibration = Calibration::new(model, Scaling::identity(8), rows);
-    // The tare uses fresh frames, whichever rows are written.
+    // The tare uses fresh frames only, even if all rows are written.
     let is_fresh = |&i: &usize| i == 0 || log[i].1 != log[i - 1].1;
     let fresh: Vec<&(f64, [f64; 8])> = (0..log.len()).filter(is_fresh).map(|i| &log[i]).collect();
     for rows in [RowFilter::All, RowFilter::Fresh] {

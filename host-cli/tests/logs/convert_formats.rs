@@ -1,4 +1,4 @@
-//! Wrenches in every file format: our readers and popular programs read the numbers of the CSV.
+//! Wrenches in every file format. Our readers and popular programs read the same numbers as from CSV.
 
 use std::path::{Path, PathBuf};
 
@@ -7,10 +7,10 @@ use system_tests::program;
 
 const EXTENSIONS: [&str; 4] = ["parquet", "mat", "npy", "mcap"];
 
-/// Converts 2,100 rows to every file format, without a low-pass and thus encoded by all workers.
+/// Converts 2,100 rows to every file format. Without a low-pass, all worker threads encode rows.
 fn converted(dir: &Path, flags: &str) -> Vec<PathBuf> {
     program::run(dir, "synth train --rows 2100 --seed 5 -o log.csv", 0);
-    // Forty poses are enough for an interval.
+    // Forty poses suffice for confidence intervals.
     program::run(dir, "synth train --rows 8000 --seed 6 -o train.csv", 0);
     program::run(dir, "fit train.csv --model linear -o cal.json", 0);
     let convert = |extension: &str| {
@@ -20,7 +20,7 @@ fn converted(dir: &Path, flags: &str) -> Vec<PathBuf> {
     ["csv"].iter().chain(&EXTENSIONS).map(|extension| convert(extension)).collect()
 }
 
-/// Numeric columns except time, which recordings round to ns.
+/// Returns the numeric columns except the time, which recordings round to ns.
 fn columns(path: &Path) -> Vec<(String, Vec<f64>)> {
     let log = Log::open(path, &Mapping::default()).unwrap();
     let is_number = |name: &str| !name.starts_with("flags") && !name.starts_with('s');
@@ -126,7 +126,7 @@ fn other_columns_are_carried_along() {
         program::run(dir.path(), &command, 0);
         let out = std::fs::read_to_string(dir.path().join("out.csv")).unwrap();
         let mut lines = out.lines();
-        // The log's own force keeps its name, which no output column has.
+        // The force column of the log keeps its name, because no other output column has it.
         assert_eq!(lines.next(), Some(names), "{flags}");
         let kept = |line: &str, positions: [usize; 2]| -> [f64; 2] {
             positions.map(|at| line.split(',').nth(at).unwrap().parse().unwrap())

@@ -15,7 +15,7 @@ use crate::recording::column;
 
 const RATE_HZ: f64 = 100.0;
 
-/// The shipped unit with this rise of temperature, without ambient light, warm-up and hysteresis.
+/// Returns unit 1 of the sensor model with this warm-up, without ambient light and hysteresis.
 fn sensor(warm_up_k: f64, warm_up_s: f64, seed: u64) -> SensorModel {
     let mut unit = SensorParameters::nominal().unit(1);
     unit.elastic = true;
@@ -25,19 +25,19 @@ fn sensor(warm_up_k: f64, warm_up_s: f64, seed: u64) -> SensorModel {
     SensorModel::new(&unit, seed).unwrap()
 }
 
-/// On the same unit at the initial temperature.
+/// Returns a calibration of the same unit at the initial temperature.
 fn calibration(folder: &Path) -> Calibration {
     program::run(folder, "synth train --rows 6000 --elastic -o train.csv", 0);
     program::run(folder, "fit --model cubic train.csv -o cal.json", 0);
     CalibrationFile::read(&folder.join("cal.json")).unwrap().calibration
 }
 
-/// Pushed down, forward and to the left, or not touched.
+/// Returns a push down, forward and to the left, or no load.
 fn load(is_loaded: bool) -> [f64; 6] {
     if is_loaded { [0.8, 0.5, -1.0, 0.0, 0.0, 0.0] } else { [0.0; 6] }
 }
 
-/// Times and readings, loaded when `is_loaded`.
+/// Returns times and readings of a sensor that is loaded at the times for which `is_loaded` is true.
 fn recorded(
     mut sensor: SensorModel,
     seconds: f64,
@@ -55,7 +55,7 @@ fn recorded(
     (times, readings)
 }
 
-/// The recording as a log; `extra` adds cells to a row.
+/// Formats the recording as a log; `extra` returns additional cells of a row.
 fn log(
     (times, readings): &(Vec<f64>, Vec<Vec<f64>>),
     name: &str,
@@ -83,16 +83,16 @@ fn alarms_have_the_stated_rate_and_a_drift_raises_them() {
             let mut watch = ZeroWatch::default();
             watch.look_at(&times, &readings);
             let zero = watch.finish(&calibration).unwrap();
-            // Stationary intervals are before and after, but not under load.
+            // Stationary intervals lie before and after the load, but not within.
             assert!((4..=10).contains(&zero.rests) && zero.last_s > 4.0, "{zero:?}");
             alarms += u64::from(zero.largest().is_some());
         }
         alarms as f64 / logs as f64
     };
     let false_alarms = alarms(0.0, 1000);
-    // Three standard deviations of a share of 1000 above the promised maximum.
+    // The tolerance is three standard deviations of a share of 1000.
     assert!(false_alarms <= FALSE_ALARMS + 0.0095, "{false_alarms}");
-    // A rise of 3 K is 12 counts in 2000 at a noise of 4 counts, with a time constant of 3 s.
+    // A rise of 3 K, with a time constant of 3 s, changes 2000 counts by 12; the noise is 4 counts.
     let power = alarms(3.0, 200);
     assert!(power >= 0.99, "{power}");
     println!(
@@ -121,7 +121,7 @@ fn slopes_equal_those_of_the_warm_up() {
     let channels = found["channels"].as_array().unwrap();
     assert_eq!(channels.len(), 8);
     for (channel, drift) in channels.iter().enumerate() {
-        // Truth: the last second minus the first, from the model without noise, per K.
+        // The true slope is the difference of two readings of the model without noise, 58 s apart, per K.
         let mut quiet = SensorParameters::nominal().unit(1);
         quiet.elastic = true;
         quiet.scale_noise(0.0);
@@ -135,7 +135,7 @@ fn slopes_equal_those_of_the_warm_up() {
         let trend = &drift["per_degree"];
         let (slope, error) =
             (trend["slope"].as_f64().unwrap(), trend["standard_error"].as_f64().unwrap());
-        // Four standard errors, and half a second of delay in thirty: 1.7 % of the slope.
+        // Tolerance: four standard errors, and the error from half a second of delay in thirty, 1.7 % of the slope.
         assert!(
             (slope - truth).abs() < 4.0 * error + 0.03 * truth.abs(),
             "{channel}: {slope} {truth} {error}"
@@ -177,7 +177,7 @@ fn a_still_zero_holds() {
         (&Value::Null, &serde_json::json!([21.5, 21.5]))
     );
     for drift in found["channels"].as_array().unwrap() {
-        // At a noise of 4 counts, the mean of a stationary interval has 0.6 counts.
+        // At a noise of 4 counts, the mean of a stationary interval has a noise of 0.6 counts.
         assert!(drift["wander"].as_f64().unwrap() < 0.6, "{drift}");
         assert_eq!(drift["per_degree"], Value::Null);
     }
@@ -243,7 +243,7 @@ fn a_tare_that_follows_rests_takes_a_drift_out_and_commands_warn_without_it() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     calibration(folder);
-    // 10 K in a minute, loaded for 2 s in every 6.
+    // The temperature rises by 10 K in a minute (time constant 20 s). The load is on for 2 s in every 6 s.
     let is_loaded = |t: f64| t % 6.0 >= 2.0 && t % 6.0 < 4.0;
     let held = |t: f64| t % 6.0 >= 2.3 && t % 6.0 < 3.7;
     let drifting = recorded(sensor(10.0, 20.0, 9), 60.0, is_loaded);

@@ -1,4 +1,4 @@
-//! Binary files of other programs, in `SHELLCAL_REAL_DATA`, with layouts that were misread once.
+//! Binary files of other programs, in `SHELLCAL_REAL_DATA`, whose layouts were once misread.
 
 use std::path::PathBuf;
 
@@ -83,7 +83,7 @@ fn lists_of_one_length_are_columns() {
     };
     let (log, block) = open("parquet-lists.parquet", &mapping).unwrap();
     assert_eq!((block.rows, log.channels(), block.wrench.len()), (80, 8, 6));
-    // Smallest and largest value in the column's statistics, from pyarrow.
+    // Expected values are the minimum and maximum in the column's statistics, from pyarrow.
     let all = || block.readings.iter().flatten().copied();
     assert_eq!(all().fold(f64::INFINITY, f64::min), 1002.0);
     assert_eq!(all().fold(0.0, f64::max), 2997.0);

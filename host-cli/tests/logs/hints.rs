@@ -1,4 +1,4 @@
-//! Hints that name an option: each is followed on the file that caused it, with the right result.
+//! Hints that name an option. Each hint is followed for the file that caused it, and must give the right result.
 
 use std::fs;
 use std::path::Path;
@@ -7,7 +7,7 @@ use system_tests::program;
 
 const ROWS: usize = 40;
 
-/// A file, a failing command, the option in its hint, and texts of the output with the option.
+/// A file, a failing command, its hint, the options that follow it, and texts of the output with these options.
 struct HintCase {
     file: (&'static str, String),
     command: &'static str,

@@ -23,7 +23,7 @@ fn folder() -> tempfile::TempDir {
     dir
 }
 
-/// Quotes, separators and letters beyond ASCII are part of a text.
+/// Returns a text, some with quotes, separators or letters beyond ASCII.
 fn surface(row: usize) -> &'static str {
     ["carpet", "\"gravel, wet\"", "Fließ", ""][row / 50 % 4]
 }
@@ -32,7 +32,7 @@ fn supply(row: usize) -> &'static str {
     if row.is_multiple_of(100) { "3.7" } else { "" }
 }
 
-/// The text columns of a file by the program's own readers.
+/// Returns text columns of a file, as the program's own readers read them.
 fn texts(path: &Path, names: &[&str]) -> Vec<Vec<String>> {
     let log = Log::open(path, &Mapping::default()).unwrap();
     let position =
@@ -65,12 +65,12 @@ fn texts_are_copied_into_every_kind_of_file() {
             assert_eq!(found, [&expected[..], &supplies[..]], "{extension} {flags}");
         }
     }
-    // Numeric columns stay numbers, under their name, or another if that is taken.
+    // Numeric columns stay numbers. They keep their name unless an output column has it.
     let text = fs::read_to_string(dir.join("out.csv")).unwrap();
     let header: Vec<&str> = text.lines().next().unwrap().split(',').collect();
     assert!(header.contains(&"knob") && header.contains(&"log_fx_n"), "{header:?}");
     assert_eq!(header[header.len() - 3..], ["surface", "supply_v", "flags"]);
-    // MATLAB has a row of characters a row, records of NumPy a field, a recording a property.
+    // A text is a row of characters in MATLAB, a field in NumPy, and a field of a message in a recording.
     for extension in ["mat", "npy", "mcap"] {
         let out = format!("out.{extension}");
         program::run(dir, &format!("convert cal.json log.csv --keep surface,knob -o {out}"), 0);

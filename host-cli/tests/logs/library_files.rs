@@ -49,7 +49,7 @@ struct Described {
     file: String,
     columns: Vec<Expected>,
     refused: Vec<Refused>,
-    /// Line of the first row in an equivalent text.
+    /// Line number of the first row in an equivalent text.
     first_line: u64,
     /// Number of the first row in messages.
     first_row: u64,
@@ -102,7 +102,7 @@ fn read(
         time: time.clone(),
         ..Mapping::default()
     };
-    // Small parts, so that most files have several.
+    // Parts are small, so that most files have several.
     let log = Log::open(path, &mapping)?.with_chunk_bytes(2000);
     let others = log.column_positions(&numbers)?;
     let wanted = Wanted { time: time.is_some(), others, ..Wanted::default() };
@@ -157,7 +157,7 @@ fn compare(
     };
     let (lines, values) = found;
     let rows_read: Vec<usize> = lines.iter().map(|line| (line - first_line) as usize).collect();
-    // Blank rows of a sheet are no invalid rows.
+    // Blank rows of a sheet are left out, but are not invalid.
     if rows_read != expected {
         return Err(format!("{} rows, expected {}", rows_read.len(), expected.len()));
     }
@@ -173,7 +173,7 @@ fn compare(
     Ok(expected.len() * columns.len())
 }
 
-/// Reads a column that cannot be read; returns the message.
+/// Tries to read a column that is refused; returns the message.
 fn refusal(path: &Path, name: &str) -> Option<String> {
     let column = match name {
         "" => ColumnRef::Position(1),
@@ -273,6 +273,6 @@ fn binary_files_are_read_as_their_libraries_read_them() {
     }
     println!("{count} files {:?}, {} equal values", all.files, all.equal);
     assert!(all.faults.is_empty(), "{} faults:\n{}", all.faults.len(), all.faults.join("\n"));
-    // Otherwise the files have become so odd that nearly nothing of them is compared.
+    // With fewer equal values, the files would be so unusual that hardly anything is compared.
     assert!(all.equal > 1000 * count, "{}", all.equal);
 }

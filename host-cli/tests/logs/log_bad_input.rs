@@ -28,7 +28,7 @@ fn read(path: &Path, threads: usize) -> Result<(), LogError> {
     Ok(())
 }
 
-/// The message about a file, without its path.
+/// Returns the message about a file, without its path.
 fn complaint(bytes: &[u8]) -> String {
     let file = file(bytes);
     let error = read(file.path(), 1).expect_err("a file with a fault").to_string();
@@ -166,7 +166,7 @@ fn the_command_ends_with_2_and_a_hint() {
         ("time,s1\n", "nothing was recorded"),
         ("time,time,s1\n1,2,3\n", "`--time 1` or `--time 2`"),
         ("1,2,3\n", "`--time 1 --sensors 2-3`"),
-        // The first column does not rise: none is a time.
+        // No column is a time, because the first one does not rise.
         ("5,2,3,1,1,1,1,1\n4,1,2,1,1,1,1,1\n", "`--sensors 1-2 --wrench 3-8`"),
         ("% hello\n1\n", "names the columns"),
         ("\u{1f}\u{1}", "logs are text"),
@@ -190,7 +190,7 @@ fn bad_rows_are_left_out_on_request_and_counted() {
 
 #[test]
 fn faults_among_decimal_commas_are_shown_as_the_file_has_them() {
-    // A point in the file stays one.
+    // A message shows a point as a point.
     for (field, expected) in [("1,5x", "found `1,5x`"), ("1.5x", "found `1.5x`")] {
         let text = format!("t_s;s1\n0,5;1,25\n1,5;{field}\n");
         let output = info(text.as_bytes(), &[]);

@@ -84,7 +84,7 @@ fn fits_of_the_same_recording_have_the_same_coefficients() {
     }
 }
 
-/// RMS of the training, Fx to Mz in N and N·mm, by least squares on standardised columns (numpy).
+/// The RMS of training errors equals that of least squares on standardised columns in NumPy; Fx to Mz in N and N·mm.
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
 fn a_matrix_of_another_lab_is_fitted_as_it_is() {
@@ -104,7 +104,7 @@ fn a_matrix_of_another_lab_is_fitted_as_it_is() {
         for (axis, expected) in expected.iter().enumerate() {
             let rms = document["diagnostics"]["train"][axis]["rms"].as_f64().unwrap();
             let (rms, digit) = if axis < 3 { (rms, 1e-4) } else { (1e3 * rms, 1e-3) };
-            // To the last digit given.
+            // The tolerance is half of the last digit given.
             assert!((rms - expected).abs() <= 0.5001 * digit, "{model} {axis}: {rms}, {expected}");
         }
     }
@@ -132,7 +132,7 @@ fn matrices_are_readings_and_wrench_by_their_names_or_their_shapes() {
     assert_eq!(Log::open(&path, &of_group).unwrap().channels(), 8);
 }
 
-/// Recordings of a capacitive sensor, as published and as CSV with all digits.
+/// Recordings of a capacitive sensor yield the same as published and as CSV with all digits.
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
 fn published_hdf5_recordings_equal_those_of_their_csv() {
@@ -206,9 +206,9 @@ fn files_cut_anywhere_are_errors_that_name_them() {
         for entry in std::fs::read_dir(seeds().join(folder)).unwrap() {
             let path = entry.unwrap().path();
             let bytes = std::fs::read(&path).unwrap();
-            // A cut recording holds all rows until then; a note says so for LabVIEW's.
+            // A truncated recording has all rows up to its end.
             let ends_early = ["mcap", "rosbag", "tdms"].contains(&folder);
-            // MATLAB does not state the number of variables: a cut between two looks complete.
+            // MATLAB files do not state the number of variables: a file cut between two of them looks complete.
             let ends = if folder == "matlab" { ends_of_variables(&bytes) } else { Vec::new() };
             let lengths = (16..bytes.len()).step_by(bytes.len() / 60 + 1);
             for length in lengths.chain((!ends_early).then_some(bytes.len() - 1)) {
@@ -268,7 +268,7 @@ fn faults_are_named_by_row_and_column() {
         String::from_utf8(ran.stderr).unwrap().replace(&path.display().to_string(), "FILE")
     };
     let seed = |name: &str| std::fs::read(seeds().join(name)).unwrap();
-    // A double of the third row becomes no number: rows of 15 doubles after 128 bytes of header.
+    // A double in the third row becomes NaN. The file has rows of 15 doubles after a header of 128 bytes.
     let mut npy = seed("numpy/matrix.npy");
     let at = 128 + 8 * (2 * 15 + 9);
     npy[at..at + 8].copy_from_slice(&f64::NAN.to_le_bytes());
@@ -280,7 +280,7 @@ fn faults_are_named_by_row_and_column() {
     assert!(complaint.contains("`forces`; it has `run/Fx`, `run/Fy`"), "{complaint}");
     let complaint = said("b.h5", &seed("hdf5/gzip.h5")[..900], &[]);
     assert!(complaint.contains("a damaged HDF5 file"), "{complaint}");
-    // 24 rows of 8 become more than any memory holds.
+    // The size is changed from 24 rows of 8 to more than any memory holds.
     let sides = |rows: u64| [rows.to_le_bytes(), 8_u64.to_le_bytes()].concat();
     let mut claims = seed("hdf5/by_shape.h5");
     let found: Vec<usize> =
@@ -292,7 +292,7 @@ fn faults_are_named_by_row_and_column() {
     assert!(complaint.contains("`/x`; it has `/readings`, `/wrench`"), "{complaint}");
     let complaint = said("a.xlsx", &seed("xlsx/workbook.xlsx"), &["--table", "x"]);
     assert!(complaint.contains("without a sheet `x`; it has `Sheet`"), "{complaint}");
-    // Formats with a single table.
+    // These formats have a single table.
     for (name, of) in [("a.parquet", "parquet/groups.parquet"), ("a.npy", "numpy/matrix.npy")] {
         let complaint = said(name, &seed(of), &["--table", "x"]);
         assert!(complaint.contains("is a single table, and has none called `x`"), "{complaint}");
@@ -304,7 +304,7 @@ fn faults_are_named_by_row_and_column() {
     let complaint = said("b.mat", &matlab[..128], &[]);
     assert!(complaint.contains("no matrix or vector of real numbers"), "{complaint}");
     assert!(!complaint.contains("--table"), "{complaint}");
-    // A column by its position resembles no other.
+    // A column that is given by its position has no similar names to suggest.
     let complaint = said("c.npy", &seed("numpy/matrix.npy"), &["--sensors", "40-41"]);
     assert!(complaint.contains("no columns `column 40`, `column 41`"), "{complaint}");
     assert!(!complaint.contains("did you mean"), "{complaint}");

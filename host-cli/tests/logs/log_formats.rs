@@ -1,4 +1,4 @@
-//! Each format on small files: the same for all threads, cuts, compressions and parsers of a row.
+//! Each format on small files: results are the same for all numbers of threads, chunk sizes, compressions and parsers.
 
 use std::io::Write;
 use std::path::Path;
@@ -72,7 +72,7 @@ fn append(whole: &mut Block, block: Block) -> Result<(), LogError> {
     Ok(())
 }
 
-/// A CSV of many rows with everything in it, among them repeats.
+/// Returns a CSV of many rows with columns of every kind and repeated readings.
 fn long_csv(rows: usize) -> String {
     let mut text = String::from("group,t_s,s0,s1,note,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm\n");
     for row in 0..rows {
@@ -295,7 +295,7 @@ fn plain_rows_and_quoted_rows_give_the_same_bits() {
     assert_eq!(bits(&plain.0), bits(&quoted.0));
 }
 
-/// Numbers of every length as in logs, mostly plain.
+/// Returns numbers of every length, mostly plain, as in logs.
 fn number(i: usize) -> String {
     let value = (i as f64 * 0.7).sin();
     match i % 97 {

@@ -15,7 +15,7 @@ fn calibration(channels: usize) -> Calibration {
     Calibration::new(model, Scaling::identity(channels), rows.collect())
 }
 
-/// Two channels that go up and down by one count, each frame written twice; then a push.
+/// Writes a log of two channels that alternate by one count, then a push; each frame is written twice.
 fn log(directory: &Path) -> PathBuf {
     let mut text = String::from("t_s,s1,s2\n");
     for row in 0..400 {
@@ -44,7 +44,7 @@ fn scatter_about_the_mean_of_fresh_frames_in_a_window() {
     let window = Some(TimeWindow { start_s: 0.0, end_s: 2.99 });
     let summary = run(&log(directory.path()), RowFilter::Fresh, window).unwrap();
     assert_eq!((summary.rows, summary.repeated_rows, summary.frames), (400, 200, 150));
-    // Half of the frames one count up: mean and RMS half a count, up to the rounding of 150 sums.
+    // Half of the frames are one count higher, so mean and RMS are half a count, up to the rounding of 150 sums.
     for (channel, mean) in summary.channels.iter().zip([10.5, 20.5]) {
         assert!((channel.mean - mean).abs() < 1e-13 && (channel.rms - 0.5).abs() < 1e-13);
         assert_eq!(channel.peak_to_peak, 1.0);

@@ -19,7 +19,7 @@ use trial::{Instrument, Profile, Trace, TraceExtent, Trial, TrialOptions};
 
 use crate::recording::{calibration, column, stream};
 
-/// Bits of the wrench by bits of the time.
+/// The bits of the wrench, by the bits of the time.
 type Forces = HashMap<u64, [u64; 6]>;
 
 const AXES: [&str; 6] = ["fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"];
@@ -86,7 +86,7 @@ fn of_library(
     [of_trace(&plotted), of_trace(reported)]
 }
 
-/// Asserts that commands that show a whole log's forces agree with `convert`, at its frames.
+/// Asserts that all commands that show the forces of a whole log agree with `convert` at each frame.
 fn assert_all_agree(
     folder: &Path,
     log: &str,
@@ -135,7 +135,7 @@ fn assert_all_agree(
 fn every_command_gives_the_same_forces_of_a_recording() {
     let folder = tempfile::tempdir().unwrap();
     calibration(folder.path());
-    // Frames are lost here and there, and once for longer than the filter remembers.
+    // Single frames are lost, and once more than the filter's memory.
     let indices = (0..3000_u64).filter(|i| i % 17 != 5 && !(900..1300).contains(i));
     fs::write(folder.path().join("raw"), stream(indices)).unwrap();
     let record = |filter: &str| {

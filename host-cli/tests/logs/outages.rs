@@ -15,9 +15,9 @@ struct Outage {
     before: u64,
     lost: u64,
     dropped: u8,
-    /// The board's clock against the host's, in 10⁻⁶.
+    /// Relative rate of the board's clock minus that of the host, in 10⁻⁶.
     drift: i64,
-    /// Lateness of bytes at the end of the silence.
+    /// Delay of the bytes at the end of the silence.
     delay_us: u64,
     live: bool,
     /// Frame of the silence in which the board restarts.
@@ -52,7 +52,7 @@ fn from(start: u16, packet: Packet) -> ReceivedPacket {
     ReceivedPacket { origin: Some(PacketOrigin { board: 1, start }), packet }
 }
 
-/// Returns losses, the time from the last frame before to the first after, and frames.
+/// Returns the losses, the time in µs between the frames before and after the silence, and the number of frames.
 fn told(outage: Outage) -> (Losses, u64, usize) {
     let mut board = Board { outage, reception: Reception::default(), frames: Vec::new() };
     let at = |frame: u64| frame * outage.period_us;
@@ -110,7 +110,7 @@ proptest! {
         failure_persistence: None,
         rng_seed: proptest::test_runner::RngSeed::Fixed(1), ..ProptestConfig::default() })]
 
-    // Within a turn of its clock the board gives the length, beyond it the host: exact or minimal.
+    // Losses are exact if the silence is live or shorter than a turn of the board's clock; otherwise a minimum.
     #[test]
     fn the_length_of_a_silence_is_reported(outage in outages()) {
         let (losses, silence_us, frames) = told(outage);
@@ -126,7 +126,7 @@ proptest! {
         }
     }
 
-    // Live, the time that the board was off counts as missing frames.
+    // If the data are live, the time for which the board was off counts as missing frames.
     #[test]
     fn a_restart_in_a_silence_is_reported(outage in outages(), position in 0.0..1.0_f64) {
         let restart = (position * outage.lost as f64) as u64;
@@ -136,7 +136,7 @@ proptest! {
         prop_assert_eq!(losses.restarts, 1);
         prop_assert_eq!(losses.uncertain, u64::from(!outage.live));
         if outage.live {
-            // The new clock begins at 1.5 s or later; the host's drifts; the first frame is late.
+            // The board's new clock begins at 1.5 s or later, the host's clock drifts, and the first frame is late.
             let elapsed_us = (outage.lost + 1) * outage.period_us;
             let since_us = 1_500_000 + (outage.lost - restart) * outage.period_us;
             let drift_us = elapsed_us.max(since_us) / 5_000 + 10;

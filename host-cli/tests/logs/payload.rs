@@ -37,7 +37,7 @@ fn join(values: &[f64]) -> String {
     values.iter().map(f64::to_string).collect::<Vec<_>>().join(",")
 }
 
-/// Least squares of numpy on the same 24 poses: every printed digit.
+/// All printed digits equal those of NumPy's least squares on the same 24 poses.
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
 fn a_tool_on_a_commercial_sensor_is_found_to_all_digits() {
@@ -54,14 +54,14 @@ fn a_tool_on_a_commercial_sensor_is_found_to_all_digits() {
     assert_eq!(all("moment_bias_nm", 6), ["0.432505", "-0.691553", "-0.157035"]);
     assert_eq!(digits(found["residual_rms_n"].as_f64().unwrap(), 5), "0.08649");
     assert_eq!(digits(found["residual_rms_nm"].as_f64().unwrap(), 6), "0.003018");
-    // The rotation matrices with the local gravity. Names would find gravity first.
+    // Rotation matrices and the local gravity are named, because names alone would find the gravity columns first.
     let by_rotation =
         format!("payload fit {} --orientation 13-21 --gravity 9.82085 --json", poses.display());
     let by_rotation = json(dir.path(), &by_rotation);
     let (a, b) = (&by_rotation["mass_kg"], &found["mass_kg"]);
-    // Six digits of the matrices.
+    // The matrices have six digits.
     assert!((a.as_f64().unwrap() / b.as_f64().unwrap() - 1.0).abs() < 1e-5, "{a} {b}");
-    // From accelerations alone: with 2 % of scale and 0.003 g of noise of the accelerometer.
+    // With accelerations alone, the accelerometer adds a scale error of 2 % and a noise of 0.003 g.
     let text = fs::read_to_string(&poses).unwrap();
     let without: Vec<String> =
         text.lines().map(|line| line.split(',').take(9).collect::<Vec<_>>().join(",")).collect();
@@ -73,8 +73,8 @@ fn a_tool_on_a_commercial_sensor_is_found_to_all_digits() {
     }
 }
 
-/// A prototype left 0.20, 0.07 and 0.09 N of the forces of an arm without contact, under a mean of
-/// 30 ms. A zero-phase low-pass at 20 Hz halves the same as that mean.
+/// A prototype left 0.20, 0.07 and 0.09 N of the forces of an arm without contact, under a mean of 30 ms. A zero-phase
+/// low-pass at 20 Hz halves the same frequency as that mean.
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
 fn weight_and_inertia_are_taken_off_a_moving_arm() {
@@ -100,7 +100,7 @@ fn weight_and_inertia_are_taken_off_a_moving_arm() {
     let lag_s = summary["load"]["lag"]["lag_s"].as_f64().unwrap();
     assert!((0.005..0.007).contains(&lag_s), "{lag_s}");
     println!("left at 20 Hz: {left:?} N; lag {:.2} ms", 1e3 * lag_s);
-    // Gravity alone, unfiltered, as in the README.
+    // Only gravity is subtracted, without a filter, as in the README.
     let options = format!("--motion {orientations} --gravity 9.82085 --motion-lag 0 --no-lowpass");
     let (left, summary) = deviation(&options);
     for (left, expected) in left.into_iter().zip([1.218, 0.471, 0.372]) {
@@ -170,7 +170,7 @@ fn labelled_poses_are_averaged_and_set_the_standard_errors() {
     let mut text = "Fx,Fy,Fz,Mx (mN·m),My (mN·m),Mz (mN·m),qx,qy,qz,qw,pose\n".to_owned();
     let mut random = Random(3);
     for (pose, angle) in (0..12).map(|pose| (pose, f64::from(pose) * 1.1)) {
-        // Turned about x, then about the new y.
+        // The sensor is turned about x, then about the new y.
         let ((a, b), (c, d)) = ((angle / 2.0).sin_cos(), (0.8 * angle).sin_cos());
         let [qx, qy, qz, qw] = [a * d, b * c, a * c, b * d];
         let up =
@@ -190,13 +190,13 @@ fn labelled_poses_are_averaged_and_set_the_standard_errors() {
     let errors = &found["standard_errors"];
     let close = |found: &[f64], errors: &[f64], truth: &[f64]| {
         for ((found, error), truth) in found.iter().zip(errors).zip(truth) {
-            // 26 to 30 degrees of freedom: one in 2,000 is beyond four.
+            // At 26 to 30 degrees of freedom, one error in 2,000 exceeds four standard errors.
             assert!((found - truth).abs() < 4.0 * error, "{found} ± {error}, {truth}");
         }
     };
     let mass = |value: &serde_json::Value| [value["mass_kg"].as_f64().unwrap()];
     close(&mass(&found), &mass(errors), &[0.25]);
-    // 0.029 N of noise, 20 rows a pose, 12 poses.
+    // The noise is 0.029 N; there are 12 poses of 20 rows.
     assert!(mass(errors)[0] < 5e-4, "{errors}");
     for (name, truth) in [
         ("centre_m", [0.01, -0.02, 0.03]),
@@ -264,7 +264,7 @@ fn convert_takes_off_a_payload_before_tare_and_low_pass() {
     };
     for tare in ["--tare 50", "--no-tare", "--tare-time 0:0.3"] {
         let (rows, said) = left(&format!("--payload payload.json {tare} --no-lowpass"));
-        // Half a count of each reading, in the run and in the fits.
+        // The rounding error is half a count per reading, in the run and in the fits.
         assert!(worst(&rows) < 2e-4, "{tare}: {}", worst(&rows));
         assert!(said.contains("weight and inertia taken off"), "{said}");
     }
@@ -275,7 +275,7 @@ fn convert_takes_off_a_payload_before_tare_and_low_pass() {
     let quiet: Vec<Vec<f64>> =
         rows.into_iter().filter(|row| row[0] < 2.5 || row[0] > 4.5).collect();
     assert!(worst(&quiet) < 3e-4, "{}", worst(&quiet));
-    // From a separate file, with a clock that is 12.5 ms late.
+    // The accelerations come from a separate file, whose clock is 12.5 ms late.
     let run = fs::read_to_string(dir.join("run.csv")).unwrap();
     let motion: Vec<String> = run
         .lines()

@@ -21,7 +21,7 @@ fn cross(a: Vector, b: Vector) -> Vector {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
-/// The wrench of the body by the force on it, with a zero of the sensor.
+/// Returns the wrench that a force on the body causes, plus the sensor's zero.
 fn wrench(force: Vector) -> [f64; 6] {
     let [mx, my, mz] = cross(CENTRE_M, force);
     let [x, y, z] = force;
@@ -69,7 +69,7 @@ fn orientations_that_are_written_otherwise_are_read_or_named() {
         let found = json(dir, &format!("payload fit {command} --json"));
         found["mass_kg"].as_f64().unwrap()
     };
-    // Three times the standard error of the mass, 1 mN over some 30 forces of 5 N.
+    // The tolerance is three standard errors of the mass: 1 mN, over some 30 forces of 5 N.
     let is_right = |mass: f64| (mass - MASS_KG).abs() < 1e-4;
     write_poses(&dir.join("right.csv"), "qx,qy,qz,qw", as_it_is, |_, m| quaternion(m).to_vec());
     assert!(is_right(mass("right.csv")));
@@ -106,7 +106,7 @@ fn orientations_that_are_written_otherwise_are_read_or_named() {
         angles.to_vec()
     });
     assert!(is_right(mass("named.csv")));
-    // Columns that are not what their number suggests.
+    // These columns do not have the meaning that their number suggests.
     let said =
         refused(dir, "payload fit vectors.csv --orientation rx,ry,rz --orientation-as gravity");
     assert!(said.contains("gravity is") && said.contains("`--orientation-as`"), "{said}");
@@ -155,7 +155,7 @@ fn place(t: f64, point: Vector) -> Vector {
     std::array::from_fn(|i| at[i] + turned[i])
 }
 
-/// Acceleration of such a point, less gravity, by second differences: good to 1e-6 m/s².
+/// Acceleration of a point fixed to the sensor, minus gravity, by second differences, whose error is 1e-6 m/s².
 fn felt(t: f64, point: Vector) -> Vector {
     const STEP_S: f64 = 1e-4;
     let [before, now, after] = [-STEP_S, 0.0, STEP_S].map(|step| place(t + step, point));
@@ -235,7 +235,7 @@ fn inertia_of_rotation_is_removed_or_reported() {
     let (alone, said) = left("alone.csv");
     assert!(alone > 0.1, "{alone}");
     assert!(said.contains("inertia of rotation") && said.contains("N at 1 rad/s"), "{said}");
-    // Noise of 1 mN, and 2 mN from straight lines between 100 samples a second of turns.
+    // The noise is 1 mN; linear interpolation of rotations at 100 Hz adds 2 mN.
     for (name, most) in [("gyroscope.csv", 0.005), ("degrees.csv", 0.005), ("rotations.csv", 0.005)]
     {
         let (left, said) = left(name);
@@ -271,7 +271,7 @@ fn a_payload_on_a_turning_arm_of_pinocchio_leaves_little_more_than_noise() {
     let found = json(dir, "payload fit poses.csv -o payload.json --json");
     // Four standard errors of 24 poses with noise of 1 mN.
     assert!((found["mass_kg"].as_f64().unwrap() - 0.5).abs() < 1e-4, "{found}");
-    // Noise of 1 mN, and for orientations the differences of the angular acceleration at 100 Hz.
+    // The noise is 1 mN. Orientations at 100 Hz add the error of the angular acceleration, from differences.
     for (name, ranges, most_n) in
         [("gyroscope.csv", [0..10, 10..13], 0.005), ("orientations.csv", [0..10, 13..17], 0.05)]
     {

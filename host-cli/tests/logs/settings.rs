@@ -1,4 +1,4 @@
-//! Options typed once: settings beside the data, and columns that a calibration remembers.
+//! Options that are typed once: settings in the folder of the data, and column names that a calibration stores.
 
 use std::fs;
 use std::path::Path;
@@ -156,7 +156,7 @@ fn a_calibration_remembers_the_columns_that_it_was_fitted_with() {
     let usual = program::json(dir, "eval cal.json usual.csv --json");
     let rms = |document: &Value| document["all"]["errors"][0]["rms"].as_f64().unwrap();
     assert!((rms(&usual) / rms(&errors) - 1.0).abs() < 1e-9, "the same recording: {usual}");
-    // Names stay the user's own.
+    // The user's column names are kept.
     let text = fs::read_to_string(dir.join("data/test.csv")).unwrap();
     let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
     let mut fields: Vec<String> = lines[1].split(',').map(str::to_owned).collect();

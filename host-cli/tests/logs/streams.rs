@@ -1,4 +1,4 @@
-//! `shellcal stream` of a log: complete files, reported failures, commands of any bytes.
+//! `shellcal stream` of a log: complete files, reported failures, and commands with any bytes.
 
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
@@ -94,7 +94,7 @@ fn commands_are_lines_of_any_bytes_and_do_not_hold_up_rows() {
         row["flags"].as_str().unwrap().split(' ').map(str::to_owned).collect()
     };
     let first = std::iter::repeat_with(&mut marks).find(|marks| marks[0] == "mark1").unwrap();
-    // All at once would be more than are obeyed in five seconds.
+    // Fewer marks than arrive in this burst are obeyed in five seconds.
     assert!(!first.iter().any(|mark| mark == "mark500"), "{first:?}");
     let mut all = std::iter::repeat_with(&mut marks);
     assert!(all.any(|marks| marks.iter().any(|mark| mark == "mark550")));

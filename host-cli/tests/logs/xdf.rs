@@ -34,7 +34,7 @@ fn sample(id: u32, time_s: f64, values: &[u8]) -> Vec<u8> {
     chunk(3, &[&id.to_le_bytes(), &[1, 1, 8], &time_s.to_le_bytes(), values])
 }
 
-/// Readings at 100 Hz with a pause of 4 s; forces at 250 Hz, by a clock 3 s behind, slow by 80 ppm.
+/// Writes readings at 100 Hz with a pause of 4 s, and forces at 250 Hz by a clock 3 s behind and 80 ppm slow.
 fn recording(path: &Path) {
     let own = |time_s: f64| (time_s - 3.0) * (1.0 - 80e-6);
     let labels: Vec<(String, &str)> = (1..=8).map(|n| (format!("s{n}"), "counts")).collect();

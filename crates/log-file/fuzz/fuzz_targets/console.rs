@@ -1,5 +1,5 @@
-//! Arbitrary bytes as the console log of the base station: no panic, and the same frames for any chunk size.
-//! The first byte gives the size.
+//! Arbitrary bytes as the console log of the base station: no panic, and the same frames for any chunk size. The first
+//! byte sets the chunk size.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

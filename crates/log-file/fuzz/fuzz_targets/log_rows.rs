@@ -1,5 +1,5 @@
-//! Arbitrary bytes as a log whose format is recognised, or as rows below a header: no panic, and the same rows for
-//! any chunk size. The first byte gives the size, and tells if there is a header.
+//! Arbitrary bytes as a log whose format is recognised, or as rows below a header: no panic, and the same rows for any
+//! chunk size. The first byte sets the chunk size and selects the header.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

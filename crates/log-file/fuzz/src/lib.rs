@@ -13,7 +13,7 @@ pub fn read_log(bytes: &[u8], format: Option<LogFormat>, piece: usize) {
     assert_eq!(whole, pieces);
 }
 
-/// Reads `bytes` like [`read_log`]. Returns what was read whole and in pieces, as text; empty if it is no log.
+/// Reads `bytes` like [`read_log`]. Returns both results as text, whole first; they are empty if `bytes` is no log.
 fn read_both(
     bytes: &[u8],
     format: Option<LogFormat>,
@@ -56,8 +56,8 @@ pub fn read_table(bytes: &[u8], magic: &[u8]) {
     let begins = bytes.starts_with(magic) || bytes.starts_with(b"\x1f\x8b");
     let magic = if begins { &[] } else { magic };
     let [whole, pieces] = read_both(&[magic, bytes].concat(), None, bytes.len() % 499 + 100);
-    // A part of a table is decoded before its rows. With a damaged part that has a wrong row, only smaller parts
-    // report the row first.
+    // A table is decoded part by part. If a part is damaged and an earlier row is invalid, the size of the parts
+    // decides which error is reported first.
     for (whole, pieces) in whole.into_iter().zip(pieces) {
         assert!(whole.is_err() && pieces.is_err() || whole == pieces, "{whole:?} {pieces:?}");
     }
@@ -85,7 +85,7 @@ fn rows(
     Ok((columns, ReadSummary { repeated_rows: 0, ..summary }))
 }
 
-/// Writes `bytes` to a file for this process, in memory if the system has a folder for that.
+/// Writes `bytes` to a file of this process, in `/dev/shm` (memory) if that folder exists.
 fn file(bytes: &[u8]) -> PathBuf {
     let folder = Some(PathBuf::from("/dev/shm")).filter(|folder| folder.is_dir());
     let folder = folder.unwrap_or_else(std::env::temp_dir);

@@ -59,7 +59,7 @@ impl PlacedCondition {
     }
 }
 
-/// The rows that a condition removes, and the first values of its column.
+/// The number of rows that a condition removes, and the first distinct values of its column.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct ConditionTally {
     pub(crate) removed: u64,
@@ -82,8 +82,8 @@ impl ConditionTally {
     }
 }
 
-/// Keeps the rows that meet all conditions; `values` are their columns, run-length encoded. Returns a tally of each
-/// condition.
+/// Keeps the rows that meet all conditions. `values` are the columns of the conditions, run-length encoded. Returns a
+/// tally of each condition.
 pub(crate) fn keep_chosen(
     block: &mut Block,
     conditions: &[PlacedCondition],
@@ -159,7 +159,7 @@ impl Interleaving {
         IDENTITIES.contains(&plain(name).as_str())
     }
 
-    /// Finds such a column in the first rows. `columns` are the names and fields of columns without a meaning.
+    /// Finds a column that distinguishes sensors, among `columns` without a meaning: their names and first fields.
     pub(crate) fn find(columns: &[(&str, Vec<String>)]) -> Option<Self> {
         columns.iter().find_map(|(name, fields)| {
             let plain_name = plain(name);

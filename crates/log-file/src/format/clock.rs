@@ -1,4 +1,4 @@
-//! The clock of a log: the unit of times that are numbers, and the notation of those that are dates.
+//! The clock of a log: the unit of numeric times, and the notation of dates.
 
 use super::lines::{fields, lines};
 use super::mapping::TimeUnit;
@@ -9,7 +9,7 @@ use shell_data::statistics::upper_median;
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct DateColumn {
     pub(crate) order: DateOrder,
-    /// A date that has two readings, if no other date tells them apart.
+    /// The first date, if no date shows whether the day or the month comes first.
     pub(crate) unclear: Option<String>,
     /// True for times without a date, which begin again at midnight.
     pub(crate) is_of_day: bool,
@@ -20,7 +20,7 @@ pub(super) struct ClockFields(Vec<Vec<u8>>);
 
 pub(super) const CLOCK_ROWS: usize = 64;
 
-/// Rows of a log since 1970 are closer than this. A counter of µs at 10 kHz steps by 100.
+/// Longest plausible step between rows, s. A number with larger steps does not count from 1970.
 const LONGEST_STEP_S: f64 = 100.0;
 
 impl ClockFields {
@@ -50,7 +50,7 @@ impl ClockFields {
         self.0.first() != self.0.last()
     }
 
-    /// Returns the notation of the times, if the first one is a date or a time of day; `order` is the user's.
+    /// Returns the notation of the times, if the first one is a date or a time of day. `order` is the user's choice.
     pub(super) fn dates(&self, order: Option<DateOrder>) -> Option<DateColumn> {
         let first = self.first().filter(|first| is_date(first))?;
         let is_of_day = is_time_of_day(first);
@@ -70,7 +70,7 @@ impl ClockFields {
             return Err(step);
         }
         let step = self.median_step();
-        // A counter since its start may have as many digits, but its rows would be minutes apart.
+        // A counter that starts at 0 may have as many digits, but its rows would be minutes apart in that unit.
         let is_dense =
             |unit: &TimeUnit| step.is_none_or(|step| step / unit.per_second() < LONGEST_STEP_S);
         match self.first().and_then(epoch_unit).filter(is_dense) {
@@ -79,8 +79,8 @@ impl ClockFields {
         }
     }
 
-    /// Returns the median step of times that are days since 1900 (Excel) or since year 0 (MATLAB's `datenum`) in this
-    /// century. Taken as seconds, they would be less than 90 µs apart, or 1.2 ms in numbers with many decimals.
+    /// Returns the median step of times in this century that count days since 1900 (Excel) or year 0 (MATLAB's
+    /// `datenum`). As seconds, such times would be less than 90 µs apart, or 1.2 ms if they have many decimals.
     fn step_in_days(&self) -> Option<f64> {
         let times: Vec<f64> =
             self.0.iter().take(CLOCK_ROWS).filter_map(|field| parse_field(field).ok()).collect();
@@ -88,7 +88,7 @@ impl ClockFields {
         let mut steps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
         steps.retain(|step| *step > 0.0);
         let step = upper_median(&mut steps)?;
-        // A clock in seconds has fewer decimals.
+        // Times in seconds have fewer decimals than times in days.
         let is_long = |field: &Vec<u8>| {
             field.iter().position(|byte| *byte == b'.').is_some_and(|at| field.len() - at > 8)
         };
@@ -108,7 +108,7 @@ impl ClockFields {
     }
 }
 
-/// Returns the number of 1970-01-01 in the days of Excel or of MATLAB, for a day in this century.
+/// Returns the day number of 1970-01-01 in Excel's or MATLAB's count, if `day` in that count is in this century.
 pub(super) fn origin_of_days(day: f64) -> Option<f64> {
     match day {
         36_526.0..73_051.0 => Some(25_569.0),
@@ -121,8 +121,8 @@ pub(super) fn is_since_1970(field: &[u8]) -> bool {
     epoch_unit(field).is_some()
 }
 
-/// Determines the unit of a clock that counts from 1970 by its digits: in 2001 to 2286, ten in s, thirteen in ms, and
-/// so on.
+/// Determines the unit of a clock that counts from 1970 by its number of digits. From 2001 to 2286, a time has ten
+/// digits in s, thirteen in ms, and so on.
 fn epoch_unit(first: &[u8]) -> Option<TimeUnit> {
     let time = parse_field(first).ok()?;
     let has_digits = |digits: i32| (10_f64.powi(digits - 1)..10_f64.powi(digits)).contains(&time);
@@ -130,8 +130,8 @@ fn epoch_unit(first: &[u8]) -> Option<TimeUnit> {
     units.find(|(_, digits)| has_digits(*digits)).map(|(unit, _)| unit)
 }
 
-/// Determines the unit of integer times from their step per row, assumed to be between 100 µs and 2 s. A step below
-/// two is taken for seconds, the default for a time without a unit.
+/// Determines the unit of integer times from their step per row, assumed to be between 100 µs and 2 s. A step below two
+/// means seconds, the default for a time without a unit.
 ///
 /// # Errors
 /// The step, if two units are possible.

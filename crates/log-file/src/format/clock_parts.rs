@@ -56,8 +56,8 @@ const FRACTIONS: [(&str, f64); 26] = [
     ("ns", 1e9),
 ];
 
-/// Returns the fraction of the seconds in column `at`, a clock, if the names of this and the next column say so:
-/// `secs` and `nsecs`, `tv_sec` and `tv_usec`, `time` and `ms`.
+/// Returns the next column as the fraction of the seconds in column `at`, if the names of both say so: `secs` and
+/// `nsecs`, `tv_sec` and `tv_usec`, `time` and `ms`.
 pub(super) fn fraction_by_name(names: &[String], at: usize) -> Option<ClockPart> {
     let (seconds, fraction) = (plain(names.get(at)?), plain(names.get(at + 1)?));
     let stem_of_seconds = SECONDS.iter().find_map(|ending| seconds.strip_suffix(ending));
@@ -69,14 +69,14 @@ pub(super) fn fraction_by_name(names: &[String], at: usize) -> Option<ClockPart>
     Some(ClockPart { column: at + 1, values })
 }
 
-/// Returns true if a column is named as whole seconds that have a fraction.
+/// Returns true if the names of column `at` and the next are whole seconds and their fraction.
 pub(super) fn has_fraction(names: &[String], at: usize) -> bool {
     let seconds = names.get(at).map(|name| plain(name)).unwrap_or_default();
     SECONDS.iter().any(|ending| seconds.ends_with(ending)) && fraction_by_name(names, at).is_some()
 }
 
-/// Returns the seconds of a ROS time in a log without names: seconds since 1970 and nanoseconds, before a text (the
-/// name of a frame).
+/// Finds the seconds of a ROS time in a log without names: a column of seconds since 1970, followed by nanoseconds and
+/// a text (the name of a frame).
 pub(super) fn nameless_stamp(rows: &[u8], separator: u8) -> Option<usize> {
     let rows: Vec<Vec<Vec<u8>>> =
         lines(rows, 0, 1).take(3).map(|line| fields(line.text, separator)).collect();
@@ -96,8 +96,8 @@ fn whole(field: &[u8]) -> Option<f64> {
     parse_field(field).ok().filter(|number| number.fract() == 0.0 && *number >= 0.0)
 }
 
-/// Returns true if a column is the fraction of the seconds in another: seconds are whole, or times of day without
-/// decimals; the fraction stays below a second, and their sum does not decrease.
+/// Returns true if `part` is the fraction of column `seconds`. The seconds must be whole numbers or times of day
+/// without decimals, the fraction less than a second, and the sum must not decrease.
 pub(super) fn is_fraction(rows: &[u8], separator: u8, seconds: usize, part: ClockPart) -> bool {
     let PartValues::Numbers(scale) = part.values else { return false };
     let second = |field: &[u8]| {
@@ -114,7 +114,7 @@ pub(super) fn is_fraction(rows: &[u8], separator: u8, seconds: usize, part: Cloc
         let fields = fields(line.text, separator);
         match of_row(&fields) {
             Some(time) => times.push(time),
-            // A bad row, or one that is cut off.
+            // The row is bad or cut off.
             None if fields.len() <= part.column => {}
             None => return false,
         }
@@ -122,7 +122,7 @@ pub(super) fn is_fraction(rows: &[u8], separator: u8, seconds: usize, part: Cloc
     !times.is_empty() && times.windows(2).all(|pair| pair[0] <= pair[1])
 }
 
-/// Finds the column of dates beside the times of day in `clock`, or of times of day beside dates. In a workbook
+/// Finds the column of dates if `clock` has times of day, or of times of day if it has dates. In a workbook
 /// (`is_sheet`), times of day are numbers.
 pub(super) fn date_part(
     rows: &[u8],

@@ -1,4 +1,4 @@
-//! References to columns by name or position, and names reduced to what matters.
+//! References to columns by name or position, and names without case and punctuation.
 
 use std::fmt;
 
@@ -21,7 +21,7 @@ impl fmt::Display for ColumnRef {
 /// Parses a reference to a column: a number is a position, anything else is a name.
 ///
 /// # Errors
-/// A message about a text that is neither.
+/// A message if the text is blank or zero.
 pub fn parse_column(text: &str) -> Result<ColumnRef, String> {
     match (text.trim(), text.trim().parse()) {
         ("", _) => Err("expected the name or position of a column".to_owned()),

@@ -14,10 +14,10 @@ use shell_data::wrench::{Axis, PerAxis};
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Column {
-    /// The header's name, or a description in a file without one.
+    /// The name in the header, or a description if the file has no header.
     pub name: String,
     pub meaning: Meaning,
-    /// The unit in the name, below the names or in an option, if it matters.
+    /// The unit from the name, the line below the names or an option, if the meaning has a unit.
     pub unit: StatedUnit,
 }
 
@@ -117,7 +117,7 @@ pub(crate) fn recognise(
     let fraction = roles.time.and_then(|at| fraction_by_name(&names, at));
     roles.time_parts.extend(fraction.filter(|part| meanings[part.column] == Meaning::Other));
     roles.group = group.or(roles.group);
-    // Dashes and the like are not units.
+    // A field without letters, such as a dash, is not a unit.
     let is_said = |unit: &str| unit.contains(|c: char| c.is_alphabetic() || c == '°');
     let row = units.iter().map(|unit| if is_said(unit) { unit.as_str() } else { "" });
     let row = row.chain(std::iter::repeat(""));
@@ -173,7 +173,7 @@ fn specify_units(columns: &mut [Column], mapping: &Mapping) -> Result<(), Placed
             is_axis || kind.eq_ignore_ascii_case(key) || column.name == key
         };
         let of_list = |list: &[(String, String)]| {
-            // An order of day and month is not a unit.
+            // The order of day and month in dates (an option value, too) is not a unit.
             let is_unit = |unit: &str| DateOrder::from_option(unit).is_none();
             let last = list.iter().rev().find(|(key, unit)| is_of(key) && is_unit(unit));
             last.map(|(_, unit)| StatedUnit::new(unit, quantity))
@@ -272,8 +272,8 @@ fn wrench_columns(
     }
 }
 
-/// Extends `mapping` for matrices, if neither it nor the names identify readings and wrench: of two matrices, the one
-/// with six columns is the wrench.
+/// Extends `mapping` if neither it nor the names identify readings and wrench. If there are two matrices, the one with
+/// six columns is the wrench and the other one has the readings.
 pub(crate) fn by_shape(names: &[String], mapping: &Mapping) -> Mapping {
     let mut mapping = mapping.for_columns(names);
     // `a1` is the first column of `a`; `a11` is not taken as a column of `a1`.
@@ -339,8 +339,8 @@ fn position(names: &[String], reference: &ColumnRef) -> Option<usize> {
     }
 }
 
-/// Converts meanings to positions. Two columns with the same meaning are an error; of groups, the first name in
-/// [`GROUPS`] wins.
+/// Converts meanings to positions. Two columns with the same meaning are an error, except for groups: the name that
+/// comes first in [`GROUPS`] wins.
 fn roles(names: &[String], meanings: &mut [Meaning]) -> Result<ColumnRoles, PlacedProblem> {
     let mut roles = ColumnRoles::default();
     let mut sensors: Vec<Option<usize>> = Vec::new();
@@ -385,7 +385,7 @@ fn roles(names: &[String], meanings: &mut [Meaning]) -> Result<ColumnRoles, Plac
     Ok(roles)
 }
 
-/// Other names of readings, in order of preference: used if no column has a usual name and all of a kind exist.
+/// Other names of readings, in order of preference: used if no column has a usual name and their numbers have no gap.
 const OTHER_READINGS: [&str; 8] = ["ch", "channel", "adc", "ain", "ai", "reading", "raw", "analog"];
 
 /// Keys that `--unit` accepts in addition to columns.
@@ -533,7 +533,7 @@ fn recognise_other_times(names: &[String], meanings: &mut [Meaning]) {
     found.into_iter().for_each(|at| meanings[at] = Meaning::Time(Scale::ONE));
 }
 
-/// Words for a time, and words that tell which one.
+/// Words for a time, and words that say which time it is.
 const CLOCKS: [&str; 8] =
     ["time", "timestamp", "timestamps", "epoch", "clock", "stamp", "zeit", "zeitstempel"];
 const WHICH: [&str; 27] = [

@@ -1,8 +1,8 @@
 //! Finds the first row of a text, and the lines above it that name the columns and units.
 //!
-//! Most lines of the head are rows: they have the same number of fields, mostly numbers in the same columns. The
-//! names are a line with as many texts above the first row, possibly after `#`, `%` or `//`; a line of units may
-//! follow. Lines above them may contain keys and values ([`keys`](super::keys)).
+//! Most of the first lines are rows: they have the same number of fields, mostly numbers in the same columns. The names
+//! are in a line with as many texts above the first row, possibly after `#`, `%` or `//`; a line of units may follow.
+//! Lines above them may contain keys and values ([`keys`](super::keys)).
 
 use super::keys::Keys;
 use super::lines::{LayoutLine, all_lines, fields, texts};
@@ -38,7 +38,7 @@ const ABOVE: usize = 4;
 /// The largest number of lines that a board prints when it starts.
 const STARTING: usize = 40;
 
-/// Finds the rows of a text; `None` if no lines are similar.
+/// Finds the first row and the names above it; `None` if no lines resemble each other.
 pub(crate) fn find(
     head: &[u8],
     start: usize,
@@ -135,13 +135,13 @@ fn of_labview(lines: &[LayoutLine<'_>]) -> Option<Head> {
     let separator = if lines[..end].iter().any(is_comma) { b',' } else { b'\t' };
     let fields = |line: &LayoutLine<'_>| to_names(&split(line.text, separator));
     let mut names = (names.number, fields(names));
-    // Rows have a field for the comment only if there is one.
+    // The names end with a comment column, which rows have only if there is a comment.
     let columns = split(first.text, separator).len();
     names.1.resize(columns, String::new());
     let units = lines[..end].iter().find(|line| line.text.starts_with(b"Y_Unit_Label"));
     let units = units.map(|line| {
         let mut units = fields(line);
-        // The key stands in the column of times.
+        // The first field is the key, not a unit; below it are the times.
         units[0].clear();
         (line.number, units)
     });
@@ -165,7 +165,7 @@ fn of_objects(lines: &[LayoutLine<'_>], texts: &[&[u8]]) -> Option<Head> {
     let names = |at: usize| -> Option<Vec<String>> {
         Some(fields(texts.get(at)?)?.into_iter().map(|(name, _)| name).collect())
     };
-    // Objects above the rows describe the log.
+    // JSON objects above the first row have other names, and describe the log.
     let is_row = |at: &usize| names(*at).is_some_and(|of| names(*at + 1).as_ref() == Some(&of));
     let at = (first..texts.len().min(STARTING)).find(is_row).unwrap_or(first);
     let names = names(at)?;
@@ -232,8 +232,8 @@ impl Shape {
     }
 }
 
-/// Recognises separated values below other lines. A line of a sheet ends with its last cell, possibly beside the
-/// table.
+/// Recognises separated values below other lines. A line of a sheet ends with its last non-empty cell, which may lie
+/// beside the table.
 fn of_fields(
     lines: &[LayoutLine<'_>],
     texts: &[&[u8]],
@@ -309,7 +309,7 @@ fn of_fields(
     let keys_end = names.map_or(first, |(at, _)| *at);
     let body = if separator == BLANK { RowBody::Blanks } else { RowBody::Separated };
     let form = RowForm { body, ..RowForm::default() };
-    // Lines between the names and the first good row are rows as well, although bad ones.
+    // Lines between the names and the first valid row are invalid rows.
     let last_named = units.into_iter().chain(names).map(|(at, _)| *at).max();
     let is_text = |at: &usize| uncommented(texts[*at]).is_none();
     let first = last_named.and_then(|at| (at + 1..=first).find(is_text)).unwrap_or(first);
@@ -334,7 +334,7 @@ pub(super) fn with_groups(above: &[String], names: &[String]) -> Option<Vec<Stri
         return None;
     }
     let is_load = |name: &str| matches!(meaning_of(name, LogFormat::Csv).0, Meaning::Load(..));
-    // A line of dashes below the names of a Markdown table has none.
+    // The line of dashes in a Markdown table has no names.
     let is_word = |name: &str| name.contains(char::is_alphanumeric);
     let mut group = "";
     let of_column = |(at, name): (usize, &String)| {
@@ -364,7 +364,7 @@ pub(super) fn with_groups(above: &[String], names: &[String]) -> Option<Vec<Stri
     (loads(&grouped) > 0 && is_grouped).then_some(grouped)
 }
 
-/// Returns the first line that resembles most rows: as many fields, and numbers in most of their numeric columns.
+/// Returns the first line that resembles most rows: it has as many fields, and numbers in most of the numeric columns.
 fn first_row(shapes: &[Shape], is_row: impl Fn(usize) -> bool) -> Option<usize> {
     let rows: Vec<usize> = (0..shapes.len()).filter(|&at| is_row(at)).collect();
     let weight =
@@ -374,7 +374,7 @@ fn first_row(shapes: &[Shape], is_row: impl Fn(usize) -> bool) -> Option<usize> 
     let key = keys.rev().max_by_key(|&key| weight(key))?;
     let like: Vec<&Shape> =
         rows.iter().map(|&at| &shapes[at]).filter(|shape| shape.key() == key).collect();
-    // Lines above the rows may resemble rows, but the second half of them are real rows.
+    // Lines above the rows may resemble rows, but those in the second half are real rows.
     let like = &like[like.len() / 2..];
     let usual: Vec<usize> = (0..key.1)
         .filter(|&column| {
@@ -419,7 +419,7 @@ fn uncommented(text: &[u8]) -> Option<&[u8]> {
     Some(rest.strip_prefix(b" ").unwrap_or(rest))
 }
 
-/// Returns true for units, with `1` for quantities that have none. A label beside ones, as in `a,1`, is no unit.
+/// Returns true for units, where `1` means a quantity without a unit. A label beside ones, as in `a,1`, is no unit.
 pub(super) fn are_units_or_ones(names: &[String]) -> bool {
     let is_one = |name: &&String| ["1", "nan"].contains(&name.trim().to_lowercase().as_str());
     let units: Vec<String> = names.iter().filter(|name| !is_one(name)).cloned().collect();
@@ -431,8 +431,8 @@ pub(super) fn bare(text: &[u8]) -> &[u8] {
     uncommented(text).unwrap_or(text)
 }
 
-/// Returns the ways to split a line of names: as the rows are, and if these have blanks between columns, at other
-/// separators, at two or more blanks, or with brackets kept with the name before them.
+/// Splits a line of names at the separator of the rows. If this is a blank, also splits it in other ways: at other
+/// separators, at two or more blanks, or at blanks that do not precede a bracket.
 fn name_fields(text: &[u8], separator: u8) -> Vec<Vec<Vec<u8>>> {
     let mut ways = vec![split(text, separator)];
     if separator != BLANK {
@@ -458,8 +458,8 @@ fn name_fields(text: &[u8], separator: u8) -> Vec<Vec<Vec<u8>>> {
     ways
 }
 
-/// Returns true if the first column has row names, as R writes them without a header: numbers from one, or quoted
-/// texts before unquoted numbers.
+/// Returns true if the first column has row names, for which R writes no column name. They are numbers from one, or
+/// quoted texts before unquoted numbers.
 fn has_row_names(rows: &[&[u8]], separator: u8) -> bool {
     let is_name = |(number, row): (usize, &&[u8])| {
         let bare = row.trim_ascii_start();
@@ -501,8 +501,8 @@ pub(super) fn is_numeric(field: &[u8]) -> bool {
     is_not_finite || is_marked_number(field) || is_date(field)
 }
 
-/// Returns the most frequent separator of a line outside quotes; if there is none, blanks for a line of numbers, else
-/// a comma.
+/// Returns the most frequent separator of a line outside quotes. Without any, returns a blank for a line of numbers,
+/// else a comma.
 pub(crate) fn line_separator(line: &[u8]) -> u8 {
     let candidates = *b",;\t|";
     let mut counts = [0_usize; 4];
@@ -513,7 +513,7 @@ pub(crate) fn line_separator(line: &[u8]) -> u8 {
             counts[i] += 1;
         }
     }
-    // If another separator stands between the numbers, commas may be decimal ones.
+    // If there is another separator, the commas may be decimal marks.
     let other = (1..4).filter(|&i| counts[i] > 0).max_by_key(|&i| (counts[i], 4 - i));
     match other {
         Some(i) if counts[0] <= counts[i] + 1 => return candidates[i],

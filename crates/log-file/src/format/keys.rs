@@ -11,7 +11,7 @@ pub(crate) struct Keys {
     /// Units, and counts per unit, of forces and of moments.
     pub(crate) units: [Option<(String, u64)>; 2],
     pub(crate) counts: [Option<(f64, u64)>; 2],
-    /// Units by the names of columns, and units of all columns.
+    /// Units of single columns by name, and a list of units for all columns.
     pub(crate) units_of: Vec<(String, String)>,
     pub(crate) units_of_all: Option<String>,
     pub(crate) is_labview: bool,
@@ -47,7 +47,7 @@ const PERIODS: [&str; 8] = [
 const VICON: [&str; 4] = ["devices", "modeloutputs", "trajectories", "forceplates"];
 
 impl Keys {
-    /// Reads lines with their numbers; the first of several values counts.
+    /// Reads numbered lines. If a key occurs several times, its first value counts.
     pub(crate) fn new<'a>(lines: impl Iterator<Item = (u64, &'a [u8])>) -> Self {
         let mut keys = Self::default();
         let mut is_below_vicon = false;
@@ -77,7 +77,7 @@ impl Keys {
         let unit = if unit.is_empty() { behind } else { unit };
         let unit = unit.trim_matches([' ', ')', ']']);
         let figure = figure_of(figure);
-        // `FS: 100 100 200` are ranges.
+        // `FS: 100 100 200` states full scales, not a rate.
         let is_alone = !behind.contains(|c: char| c.is_ascii_digit());
         let is_short = key == "frequency" || ["rate", "fs"].contains(&key) && is_alone;
         if RATES.iter().any(|rate| key.ends_with(rate)) || is_short {
@@ -126,8 +126,8 @@ impl Keys {
         }
     }
 
-    /// Returns the unit of a quantity in a list such as `N, Nm`. A single unit of forces other than N leaves the unit
-    /// of moments open.
+    /// Returns the unit of a quantity in a list such as `N, Nm`. If it has only a force unit other than N, the unit of
+    /// moments is unknown.
     fn unit_of_all(&self, quantity: Quantity) -> StatedUnit {
         let Some(text) = &self.units_of_all else { return StatedUnit::None };
         let list = text.replace(" and ", ",");
@@ -155,8 +155,8 @@ impl Keys {
     }
 }
 
-/// Returns a number whose comma is the decimal mark, or separates thousands, as in `1,000,000` and `1,000`: a rate or
-/// a count with exactly three decimals is less likely.
+/// Parses a number with commas as decimal marks, or between thousands, as in `1,000,000` and `1,000`: a rate or a count
+/// with exactly three decimals is less likely.
 fn figure_of(text: &str) -> Option<f64> {
     let mut groups = text.split('.').next().unwrap_or(text).split(',');
     let is_start = |start: &str| (1..=3).contains(&start.len()) && start != "0";

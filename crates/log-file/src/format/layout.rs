@@ -42,9 +42,9 @@ pub(crate) struct FileLayout {
     pub(crate) dates: Option<DateColumn>,
     /// Rows per second stated above the names, if no column is a time.
     pub(crate) rate_hz: Option<f64>,
-    /// The number of 1970-01-01 in the time's count of days.
+    /// The day number of 1970-01-01, if the times are days.
     pub(crate) origin_days: Option<f64>,
-    /// True if the first time is an integer in ms, µs or ns that fits 32 bits.
+    /// True if the times are integers in ms, µs or ns, and the first one fits 32 bits.
     pub(crate) counts_in_32_bits: bool,
     pub(crate) conditions: Vec<PlacedCondition>,
     /// Column that distinguishes sensors whose rows alternate.
@@ -83,7 +83,7 @@ pub(crate) struct Header {
     pub(crate) rows_start: usize,
     /// The number of the line that names the columns, or of the first row if there is none.
     pub(crate) names_line: u64,
-    /// The position of whole seconds in a log without names, whose nanoseconds follow in the next column.
+    /// The position of whole seconds in a log without names. The next column has the nanoseconds.
     nameless_stamp: Option<usize>,
     /// The lines of the names and units, if there are any.
     pub(crate) head_lines: Option<HeadLines>,
@@ -132,8 +132,8 @@ impl Header {
         Some(HeadLines { number: self.names_line, names, units: units.unwrap_or_default() })
     }
 
-    /// Describes the text of two logs that are joined row by row. If both have a wrench, the first one's columns get
-    /// other names, so that the second one's are taken; other names that both have refer to the first log.
+    /// Describes the text of two logs that are joined row by row. If both have a wrench, the columns of the first
+    /// wrench are renamed, so that the second one is used. Any other name that both logs have refers to the first log.
     pub(crate) fn joined(logs: [(&Self, &ColumnRoles); 2], separator: u8) -> Self {
         let [(first, roles), (second, others)] = logs;
         let has_wrench = others.wrench.iter().any(Option::is_some);
@@ -170,7 +170,7 @@ impl Header {
         Self { separator, units: units.collect(), keys, ..new }
     }
 
-    /// Returns how the rows of a text are written, if it has names above them.
+    /// Returns the notation of the rows, if a line above them names the columns.
     pub(crate) fn side_rows(&self) -> Option<SideRows> {
         let is_log = self.format == LogFormat::Csv && self.names_line < self.first_row;
         is_log.then(|| SideRows {
@@ -187,8 +187,8 @@ impl Header {
     }
 }
 
-/// Recognises the layout of the log that starts with `head`; `whole` if that is the whole log. `known` is its header,
-/// if the log is joined from others.
+/// Recognises the layout of the log that starts with `head`; `whole` is true if `head` is the whole log. `known` is the
+/// header of a log that is joined from others.
 pub(crate) fn recognise_layout(
     source: &LogSource,
     head: &[u8],
@@ -273,7 +273,7 @@ pub(crate) fn recognise_layout(
         dates.is_of_day = false;
         dates.unclear = dates.unclear.take().or(date.unclear);
     }
-    // The values of a table's times are in s, whatever the name says and even if the first rows have none.
+    // A binary table has its times in s, even if the name has another unit and the first rows have no time.
     let is_typed = |at: usize| source.as_whole_table().is_some_and(|table| table.is_time(at));
     if let Some(at) = roles.time
         && (dates.is_some() || is_typed(at) || is_sum_of_seconds(&columns[at], &roles))
@@ -285,7 +285,7 @@ pub(crate) fn recognise_layout(
         && columns[at].unit == StatedUnit::None
     {
         let unclear = |step| PlacedProblem::UnclearTimeUnit { column: names[at].clone(), step };
-        // The rate in the head may tell between two units.
+        // The rate in the head may show which of two units is right.
         let by_rate = |step: f64| {
             let (rate, _) = header.keys.rate_hz?;
             let is_of = |unit: &TimeUnit| (step / unit.per_second() * rate - 1.0).abs() < 0.2;
@@ -370,7 +370,7 @@ fn conditions(
     }
 }
 
-/// Finds the only column of dates or times of day that change, such as the index of pandas, whatever its name.
+/// Finds the only column of dates or times of day that change, such as the index of pandas, by its values alone.
 fn only_dates(rows: &[u8], separator: u8, columns: &[Column]) -> Option<usize> {
     let first = fields(lines(rows, 0, 1).next()?.text, separator);
     let is_unused = |at: &usize| columns[*at].meaning == Meaning::Other;
@@ -401,7 +401,7 @@ fn interleaving(rows: &[u8], separator: u8, columns: &[Column]) -> Option<Interl
 
 const DAY_S: f64 = 86_400.0;
 
-/// Refuses a number that may have a decimal mark or one between thousands, in a column with a meaning.
+/// Refuses a column with a meaning if the point or comma in a number may be decimal or between thousands.
 fn check_marks(
     source: &LogSource,
     header: &Header,
@@ -443,7 +443,7 @@ fn add_parts(
     let is_sure = repeats || has_fraction(&header.names, at) || header.nameless_stamp == Some(at);
     roles.time_parts.retain(|part| is_sure && is_fraction(rows, separator, at, *part));
     if was_named && roles.time_parts.is_empty() && repeats && has_fraction(&header.names, at) {
-        // Seconds without their fraction would stand still.
+        // Without the fraction, several rows would have the same time.
         columns[at].meaning = Meaning::Other;
         roles.time = None;
         return None;
@@ -590,7 +590,7 @@ fn telemetry_header(
     Ok(Header::new(LogFormat::Telemetry, names.collect(), rows_start, line))
 }
 
-/// Parses the header of separated values: names above rows, or else a known layout.
+/// Parses the header of separated values, or recognises a known layout without a header.
 fn separated_header(
     source: &LogSource,
     head: &[u8],
@@ -681,7 +681,7 @@ fn separated_header(
     Ok(Header { names: numbered(1, columns), ..header })
 }
 
-/// First rows whose first column has to rise if it is a time.
+/// Number of rows in which the first column must rise to be a time.
 const ROWS_OF_CLOCK: usize = 20;
 
 /// Recognises the head of most logs: known column names, then rows with as many fields.
@@ -735,7 +735,7 @@ fn names_alone(
     let names = fields(first.text, separator);
     let second = lines(head, first.next, first.number + 1).next();
     let is_text = !names.iter().any(|name| head::is_numeric(name));
-    // Columns that are given by number need no names.
+    // Columns that the user refers to by number need no names.
     let is_said = mapping.names_columns();
     let is_known = is_said || head::roles(&texts(&names)) > 0 || mapping.format.is_some();
     let next =
@@ -745,7 +745,7 @@ fn names_alone(
     (is_text && is_known).then(|| named_head(first, separator, &names, &second))
 }
 
-/// Returns true for the numbers of the columns in place of their names, as of a data frame made from an array.
+/// Returns true if the names are the numbers of the columns, as in a data frame made from an array.
 fn counts_columns(fields: &[Vec<u8>]) -> bool {
     let counts_from = |start: usize| {
         let mut numbered = fields.iter().enumerate();
@@ -783,8 +783,8 @@ fn is_number(field: &[u8]) -> bool {
     matches!(parse_field(field), Ok(_) | Err(FieldProblem::NotFinite))
 }
 
-/// Returns true for robot telemetry: there are `%` lines above the rows, and one names columns separated by `|`, or
-/// none names columns in any way or states a key.
+/// Returns true for robot telemetry: there are `%` lines above the rows. Either one of them contains `|`, or none is a
+/// key and one contains no separator.
 fn is_telemetry(head: &[u8]) -> bool {
     let mut lines = lines(head, 0, 1).map(|line| line.text);
     let above: Vec<&[u8]> = lines.by_ref().take_while(|text| text.starts_with(b"%")).collect();
@@ -807,7 +807,7 @@ fn is_console(head: &[u8]) -> bool {
 fn binary_byte(head: &[u8]) -> Option<(usize, u8)> {
     let control =
         |b: u8| (b < 0x20 && !b.is_ascii_whitespace() && b != 0x0b && b != 0x1b) || b == 0x7f;
-    // Parts are searched without an early exit, so that the compiler can use vector instructions.
+    // A part is searched without an early exit, so that the compiler can use vector instructions.
     const PART: usize = 512;
     let has_control = |part: &[u8]| part.iter().fold(false, |any, &b| any | control(b));
     let start = PART * head.chunks(PART).position(has_control)?;

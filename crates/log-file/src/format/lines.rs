@@ -37,7 +37,7 @@ pub(super) fn all_lines(
     (number..).map_while(line).filter(|line| !line.text.trim_ascii().is_empty())
 }
 
-/// Iterates over these lines without comments and trailing blanks. Tabs stay: they may separate an empty field.
+/// Iterates over lines like [`all_lines`], without comments and trailing blanks. Tabs stay: they may separate fields.
 pub(super) fn lines(
     head: &[u8],
     start: usize,
@@ -57,7 +57,7 @@ pub(super) fn fields(line: &[u8], separator: u8) -> Vec<Vec<u8>> {
 }
 
 pub(super) fn texts(fields: &[Vec<u8>]) -> Vec<String> {
-    // Text that is not UTF-8 is mostly that of Windows in western languages: `µ`, `°`, `·`.
+    // Text that is not UTF-8 is usually in Windows' western code page: `µ`, `°`, `·`.
     let text = |field: &Vec<u8>| match str::from_utf8(field) {
         Ok(text) => text.trim().to_owned(),
         Err(_) => field.iter().map(|&byte| char::from(byte)).collect::<String>().trim().to_owned(),

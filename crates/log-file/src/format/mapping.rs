@@ -16,9 +16,9 @@ pub enum LogFormat {
     Csv,
     /// Training file of the lab, without a header: time, eight sensors, six wrench columns.
     ///
-    /// Moments are in N·m unless [`Mapping::moment_unit`] says otherwise. In the lab's recording they vary by 0.04
-    /// and the forces by 0.16 N, a lever of a quarter of a metre in N·m but of a quarter of a millimetre in mN·m.
-    /// Moments from the lab's later matrices, in mN·m, are some 150 times these figures.
+    /// Moments are in N·m unless [`Mapping::moment_unit`] says otherwise. In the lab's recording, they vary by 0.04 and
+    /// the forces by 0.16 N: a lever of a quarter of a metre if the unit is N·m, but of a quarter of a millimetre if it
+    /// is mN·m. The lab's later matrices yield mN·m: numbers some 150 times as large.
     Training,
     /// File of the reference sensor: two ignored columns, time, six wrench columns, three accelerations.
     Reference,
@@ -86,13 +86,13 @@ pub const TIME_UNITS: [(&str, &str, TimeUnit); 4] = [
     ("ns", "", TimeUnit::Nanosecond),
 ];
 
-/// The largest position in a range; stops typing errors that would request 10⁹ columns.
+/// The largest position in a range, so that a typing error does not request 10⁹ columns.
 const MAX_POSITION: usize = 4096;
 
 /// Parses names and positions separated by commas; `2-9` stands for the positions 2 to 9.
 ///
 /// # Errors
-/// Errors of [`parse_column`], and a range that is empty or larger than any log.
+/// Errors of [`parse_column`], and an error for a range that is empty or goes beyond position 4096.
 pub fn parse_columns(text: &str) -> Result<Vec<ColumnRef>, String> {
     let mut columns = Vec::new();
     for item in text.split(',') {
@@ -174,7 +174,7 @@ pub fn parse_units(text: &str) -> Result<Vec<(String, String)>, String> {
     text.split(',').map(unit).collect()
 }
 
-/// Returns the order of dates that units of the time state.
+/// Returns the order of day and month that the units of the time state.
 fn date_order(units: &[(String, String)]) -> Option<DateOrder> {
     let orders = units.iter().rev().filter(|(of, _)| of.eq_ignore_ascii_case("time"));
     orders.filter_map(|(_, unit)| DateOrder::from_option(unit)).next()

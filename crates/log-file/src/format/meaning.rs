@@ -167,7 +167,7 @@ pub(super) fn unit_in_name(name: &str, quantity: Quantity) -> StatedUnit {
 
 fn in_brackets(name: &str) -> Option<(&str, &str)> {
     let (base, unit) = name.split_once(['(', '[', '{'])?;
-    // An element of a list: `force[0]`.
+    // The brackets of `force[0]` hold an index.
     if unit.trim_end_matches(']').bytes().all(|byte| byte.is_ascii_digit()) {
         return None;
     }

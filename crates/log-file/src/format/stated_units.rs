@@ -1,4 +1,4 @@
-//! Units that columns do not state themselves: from the keys of the head, from a column of units, and counts.
+//! Units that columns do not state themselves: from keys and counts in the head, and from columns of units.
 
 use super::clock::ClockFields;
 use super::column_name::plain;
@@ -8,7 +8,7 @@ use super::meaning::{Meaning, StatedUnit};
 use crate::parse::number::parse_field;
 use shell_data::unit::{Scale, Unit};
 
-/// Applies units and counts from keys to the loads whose columns state no unit.
+/// Applies units and counts from keys to the loads and times whose columns state no unit.
 pub(super) fn apply_keys(keys: &Keys, columns: &mut [Column]) {
     for column in columns {
         let is_measured = matches!(column.meaning, Meaning::Load(..) | Meaning::Time(_));
@@ -33,7 +33,7 @@ pub(super) fn apply_keys(keys: &Keys, columns: &mut [Column]) {
     }
 }
 
-/// Returns true for loads as a Net F/T box sends them, in counts: whole numbers without a unit, beside its sequence.
+/// Returns true for loads in counts, as from a Net F/T box: whole numbers without a unit, beside an `rdt_sequence`.
 pub(super) fn are_counts(rows: &[u8], separator: u8, columns: &[Column]) -> bool {
     let is_whole = |field: &[u8]| parse_field(field).is_ok_and(|number| number.fract() == 0.0);
     let mut loads =
@@ -45,7 +45,7 @@ pub(super) fn are_counts(rows: &[u8], separator: u8, columns: &[Column]) -> bool
     columns.iter().any(|column| plain(&column.name).ends_with("rdtsequence")) && loads.all(is_count)
 }
 
-/// Finds columns that repeat the unit of others in every row; returns their names and units.
+/// Finds columns that hold the same unit in every row; returns their names and units.
 pub(super) fn unit_columns(
     rows: &[u8],
     separator: u8,

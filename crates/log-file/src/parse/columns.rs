@@ -1,4 +1,4 @@
-//! Conversion of table columns to parsed columns, without the rows of invalid values.
+//! Conversion of table columns to parsed columns; rows with an invalid value are removed.
 
 use std::collections::BTreeMap;
 
@@ -43,7 +43,7 @@ impl RowPlan {
         uses.filter(|(_, column_use)| *column_use != ColumnUse::Skip)
     }
 
-    /// Moves the rows of a part of a table, which has the [requested columns](Self::wanted), into `parsed`.
+    /// Moves the rows of a part of a table into `parsed`. The part has the [requested columns](Self::wanted).
     ///
     /// # Errors
     /// The first invalid row and its error, unless invalid rows are skipped.

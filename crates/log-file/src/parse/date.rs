@@ -8,7 +8,7 @@ use table_file::seconds_of_iso;
 use super::field_problem::FieldProblem;
 use shell_data::unit::{Quantity, Unit};
 
-/// The order of a date in numbers whose year is last.
+/// The order of day and month in a numeric date whose year is last.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum DateOrder {
     DayFirst,
@@ -43,7 +43,7 @@ pub(crate) fn parse_date(field: &[u8], order: DateOrder) -> Result<f64, FieldPro
 fn elapsed(text: &str) -> Option<f64> {
     if let Some((days, time)) = text.split_once(" days ") {
         let days = days.parse::<u32>().ok()?;
-        // Without a rounding of the decimals.
+        // The decimals are parsed directly, which avoids a rounding.
         let time = seconds_of_day(time.trim_start_matches('+'))?;
         return Some(f64::from(days) * 86_400.0 + time);
     }
@@ -78,7 +78,7 @@ pub(crate) fn order_of(field: &[u8]) -> Option<Option<DateOrder>> {
     })
 }
 
-/// Returns the text of a field without brackets, as terminals write them, and quotes.
+/// Returns the text of a field without quotes, and without brackets as terminals write them.
 fn date_text(field: &[u8]) -> Option<&str> {
     Some(str::from_utf8(field).ok()?.trim().trim_matches(['[', ']', '"']))
 }
@@ -129,7 +129,7 @@ fn parts(date: &str) -> Vec<&str> {
     parts.filter(|part| named(part, &WEEKDAYS).is_none()).collect()
 }
 
-/// Returns the position of a name that begins with one of these.
+/// Returns the index of the element of `names` that has the same first three letters as `text`.
 fn named(text: &str, names: &[&str]) -> Option<usize> {
     let is_word = text.chars().all(char::is_alphabetic) && text.len() >= 3;
     let start = text.get(..3).filter(|_| is_word)?.to_ascii_lowercase();
@@ -140,7 +140,7 @@ fn year_month_day(date: &str, order: DateOrder, has_time: bool) -> Option<(u32, 
     let parts = parts(date);
     let &[a, b, c] = parts.as_slice() else { return None };
     let number = |text: &str| text.parse::<u32>().ok().filter(|_| text.len() <= 4);
-    // A year of two digits is in this century; without a time it would rather be a version.
+    // A year of two digits is in this century. Without a time of day, the text is more probably a version number.
     let year = |text: &str| match text.len() {
         4 => number(text),
         2 if has_time => Some(2000 + number(text)?),
@@ -203,7 +203,7 @@ impl<'a> ClockTime<'a> {
     }
 }
 
-/// Takes a number with as many digits from the start of a text.
+/// Takes a number from the start of a text, if the number of its digits is in `count`.
 fn digits(text: &str, count: std::ops::RangeInclusive<usize>) -> Option<(u32, &str)> {
     let end = text.bytes().take_while(u8::is_ascii_digit).count();
     let (number, rest) = text.split_at(end);

@@ -2,7 +2,7 @@
 
 use super::instruction_set::{BLOCK, ColumnFields, InstructionSet};
 
-/// Number of fields located before they are parsed: few enough for the first-level cache, and for little loss at a
+/// Number of fields located before they are parsed: few enough for the first-level cache, and to waste little work at a
 /// bad row.
 const FIELDS_AT_ONCE: usize = 1024;
 
@@ -17,7 +17,7 @@ pub(crate) struct FieldEnds {
 }
 
 impl FieldEnds {
-    /// Locates the ends of fields and lines from `lines[at]` on, at least for one row of `columns` columns.
+    /// Locates the ends of fields and lines from `lines[at]` on, for at least `columns` fields (one row).
     ///
     /// # Panics
     /// If the offsets do not fit 32 bits.
@@ -54,8 +54,8 @@ impl FieldEnds {
         }
     }
 
-    /// Counts the rows with `columns` fields, up to the first that has another number or no end yet. Removes carriage
-    /// returns and blanks from the ends of lines.
+    /// Counts the rows with `columns` fields, up to the first row with another number of fields or without a located
+    /// end. Removes carriage returns and blanks from the ends of lines.
     pub(crate) fn whole_rows(&mut self, lines: &[u8], columns: usize) -> usize {
         let last_fields = self.fields[..self.field_count].iter().skip(columns).step_by(columns);
         let mut rows = 0;
@@ -91,7 +91,7 @@ impl FieldEnds {
 /// elements.
 #[inline(always)]
 fn write_ends(mut bits: u64, base: u32, positions: &mut [u32; BLOCK]) -> usize {
-    /// More set bits than usual. Writing too many is faster than a loop of unpredictable length.
+    /// A block rarely has more set bits. Writing too many is faster than a loop of unpredictable length.
     const USUAL: usize = 16;
     let count = bits.count_ones() as usize;
     for position in &mut positions[..USUAL] {
@@ -105,7 +105,7 @@ fn write_ends(mut bits: u64, base: u32, positions: &mut [u32; BLOCK]) -> usize {
     count
 }
 
-/// Returns for each of `wanted` its positions in the first [`BLOCK`] bytes of `rest`, as bits.
+/// Returns the positions of each byte of `wanted` in the first [`BLOCK`] bytes of `rest`, as bits.
 #[inline(always)]
 fn find_in_block<L: InstructionSet>(set: L, rest: &[u8], wanted: [u8; 2]) -> [u64; 2] {
     match rest.first_chunk::<BLOCK>() {

@@ -14,7 +14,7 @@ pub enum FieldProblem {
     /// The field is NaN, infinite, or too large for a double.
     #[error("a finite number")]
     NotFinite,
-    /// A value beyond any converter or sensor: damaged, or a different quantity.
+    /// The value exceeds the range of any converter or sensor: it is damaged, or a different quantity.
     #[error("{0}")]
     BeyondLimit(&'static str),
 }

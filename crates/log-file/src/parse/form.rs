@@ -8,9 +8,9 @@ use crate::line::without_returns;
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct RowForm {
-    /// True if a time precedes the values, before an arrow or in brackets, as serial monitors write.
+    /// True if a serial monitor wrote a time before the values, followed by an arrow or in brackets.
     pub(crate) has_arrow: bool,
-    /// True if brackets around values are passed over: `(1.0 2.0)`.
+    /// True if brackets around values are ignored: `(1.0 2.0)`.
     pub(crate) has_brackets: bool,
     pub(crate) body: RowBody,
 }
@@ -19,7 +19,7 @@ pub(crate) struct RowForm {
 pub(crate) enum RowBody {
     #[default]
     Separated,
-    /// Values between one or more blanks.
+    /// Values separated by one or more blanks.
     Blanks,
     /// Values after these labels: `A:1856 B:1239`.
     Labels(Vec<String>),
@@ -37,7 +37,7 @@ impl RowForm {
         if self.body == RowBody::Separated { of_text } else { b'\t' }
     }
 
-    /// Rewrites lines as separated values. Lines keep their length, so that positions stay valid; those in another
+    /// Rewrites lines as separated values. Lines keep their length, so that positions stay valid. Lines in another
     /// notation are unchanged.
     pub(crate) fn separated(&self, lines: &[u8], separator: u8) -> Vec<u8> {
         let mut made = Vec::with_capacity(lines.len());
@@ -74,7 +74,7 @@ impl RowForm {
             RowBody::Json(names) => {
                 let mut fields = object(line)?.into_iter().enumerate().collect::<Vec<_>>();
                 let mut value = |(at, name): (usize, &String)| {
-                    // Usually all lines have the same order.
+                    // Usually all lines have their fields in the same order.
                     let of_name = |(place, (key, _)): &(usize, (String, String))| {
                         (*place >= at, key) == (true, name)
                     };
@@ -103,7 +103,7 @@ pub(crate) fn blank_fields(line: &str) -> impl Iterator<Item = &str> {
     parts.filter(|part| !part.is_empty())
 }
 
-/// Splits a line at the arrow, or behind a time in brackets.
+/// Splits a line at the arrow, or after a time in brackets.
 pub(crate) fn behind_arrow(line: &str) -> Option<(&str, &str)> {
     match line.strip_prefix('[') {
         Some(inner) => inner.split_once("] ").filter(|(time, _)| is_date(time.as_bytes())),
@@ -119,7 +119,7 @@ pub(crate) fn without_brackets(line: &str) -> String {
 
 const MARKS: [char; 5] = [' ', '\t', ',', ';', '|'];
 
-/// Returns labels and values, if a line has nothing else. A unit after a value becomes part of its label:
+/// Returns labels and values, if the line consists of them. A unit after a value becomes part of its label:
 /// `Reading: 1.5 lbs` is the column `Reading (lbs)`.
 pub(crate) fn labelled(line: &str) -> Option<Vec<(String, String)>> {
     let (mut rest, mut pairs) = (line.trim_matches(MARKS), Vec::new());
@@ -169,7 +169,7 @@ pub(crate) fn labelled(line: &str) -> Option<Vec<(String, String)>> {
     Some(pairs).filter(|pairs| !pairs.is_empty())
 }
 
-/// Returns the fields of a JSON object, nested ones with joined names; `None` if the line is not an object.
+/// Returns the fields of a JSON object; the names of nested fields are joined. `None` if the line is not an object.
 pub(crate) fn object(line: &str) -> Option<Vec<(String, String)>> {
     let line = line.trim();
     let value: Value = line.starts_with('{').then(|| serde_json::from_str(line).ok())??;
@@ -186,7 +186,7 @@ fn seconds(object: &serde_json::Map<String, Value>) -> Option<String> {
 
 fn flatten(name: String, value: Value, fields: &mut Vec<(String, String)>) {
     let text = match value {
-        // A time of ROS.
+        // A ROS time is a single field.
         Value::Object(object) if seconds(&object).is_some() => seconds(&object).unwrap_or_default(),
         Value::Object(object) => {
             let joined = |key: String| if name.is_empty() { key } else { format!("{name}.{key}") };

@@ -3,10 +3,10 @@
 pub(crate) const BLOCK: usize = 64;
 
 pub(crate) trait InstructionSet: Copy {
-    /// Runs `task` with the instructions of this processor, so that the methods can be inlined.
+    /// Runs `task` with this instruction set enabled, so that the methods can be inlined.
     fn run<R>(self, task: impl FnOnce() -> R) -> R;
 
-    /// Returns for each of `wanted` a bit mask of the bytes that equal it, the first byte in the lowest bit.
+    /// Returns a bit mask for each byte of `wanted`: the positions of equal bytes, with the first in the lowest bit.
     fn find(self, bytes: &[u8; BLOCK], wanted: [u8; 2]) -> [u64; 2];
 
     /// Parses the digits of `lines[start..end]`, up to 32 bytes. Returns the number without its point, and the number
@@ -21,8 +21,8 @@ pub(crate) trait InstructionSet: Copy {
 /// The fields of a column, row by row. It is not a closure, because closures are not always inlined.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ColumnFields<'a> {
-    /// `befores`: the position before each field; `ends`: the end of each field. Each is a slice, with the
-    /// distance in the slice from one row to the next.
+    /// `befores`: the position before each field; `ends`: the end of each field. Each has the distance between rows in
+    /// its slice.
     pub(crate) befores: (&'a [u32], usize),
     pub(crate) ends: (&'a [u32], usize),
 }

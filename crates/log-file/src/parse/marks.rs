@@ -1,7 +1,7 @@
 //! Decimal marks, and marks between thousands: `1,5`, `1.075,2`, `"1,075.2"`, `1'075.2`, `1 075,2`.
 //!
-//! `1.075` has two readings. A column decides by its other numbers: `0.5` has a decimal mark, `1.075,2` has both
-//! marks, and `981` beside `1.075` is below a thousand. Otherwise the columns beside it decide.
+//! `1.075` is ambiguous. The other numbers of its column decide: `0.5` has a decimal mark, `1.075,2` has both marks,
+//! and `981` beside `1.075` is below a thousand. Otherwise the columns beside it decide.
 
 use memchr::memchr;
 
@@ -45,7 +45,7 @@ enum Thousands {
 /// The marks in a field.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Notation {
-    /// An integer of at most three digits, and a longer one.
+    /// An integer of at most three digits; [`Long`](Self::Long) has more.
     Short,
     Long,
     /// The mark is decimal.
@@ -176,8 +176,8 @@ impl Votes {
         }
     }
 
-    /// Decides on the marks of a column; `of_file` are the certain decimal marks of all columns. `is_list` for
-    /// columns between semicolons or tabs, where neither mark is the usual one.
+    /// Determines the marks of a column. `of_file` says which marks are certainly decimal in any column. `is_list` is
+    /// true if semicolons or tabs separate columns, so that either mark may be decimal.
     fn thousands(&self, of_file: [bool; 2], is_list: bool) -> Thousands {
         let unclear =
             |mark: usize| Thousands::Unclear(self.either[mark].clone().unwrap_or_default());
@@ -185,7 +185,7 @@ impl Votes {
             return Thousands::Blanks;
         }
         for (mark, other) in [(0, 1), (1, 0)] {
-            // A log with decimal points is searched for commas only if the first rows have some.
+            // A log with decimal points has commas between thousands only if the first rows have some.
             let may_have = mark == 0 || self.either[mark].is_some();
             let has_other = self.decimal[other] && !self.decimal[mark];
             if self.grouped[mark] || (has_other && may_have) {
@@ -206,7 +206,7 @@ impl Votes {
                 () if is_foreign && self.short => Thousands::Between(MARKS[mark]),
                 () if is_foreign => unclear(mark),
                 () if of_file[mark] && !of_file[other] => Thousands::None,
-                // A quoted number between commas.
+                // The number must be quoted, because commas separate columns.
                 () if MARKS[mark] == b',' && !is_list => unclear(mark),
                 () if self.short && is_list => unclear(mark),
                 () => Thousands::None,
@@ -231,7 +231,7 @@ impl NumberMarks {
         let of_file = [0, 1].map(|mark| columns.iter().any(|votes| votes.decimal[mark]));
         let mut thousands: Vec<Thousands> =
             columns.iter().map(|votes| votes.thousands(of_file, is_list)).collect();
-        // A column in which nothing tells is written as those in which something does.
+        // An ambiguous column uses the same mark as the columns that are certain.
         let is_sure = |mark: usize| {
             let mut pairs = columns.iter().zip(&thousands);
             pairs.any(|(votes, of)| {
@@ -269,7 +269,7 @@ impl NumberMarks {
         !self.has_decimal_commas && self.thousands.is_empty()
     }
 
-    /// Returns a number in a column, from 0, that has two readings.
+    /// Returns an ambiguous number in a column (from 0), if its marks are unclear.
     pub(crate) fn unclear(&self, column: usize) -> Option<&str> {
         match self.thousands.get(column)? {
             Thousands::Unclear(field) => Some(field),

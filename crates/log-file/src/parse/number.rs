@@ -3,8 +3,8 @@
 //! Digits are read eight at a time in a 64-bit word. For an integer `mantissa` of at most 2⁵³ and k ≤ 22 decimals,
 //! `mantissa / 10ᵏ` is correctly rounded, because both are exact doubles (W. D. Clinger, "How to read floating point
 //! numbers accurately", PLDI 1990). Mantissas of up to 64 bits, with or without an exponent, are rounded by
-//! [`nearest`]. The standard library parses all else (longer mantissas, spaces, plus signs) and decides if a text is
-//! a number.
+//! [`nearest`]. The standard library parses all other texts (longer mantissas, spaces, plus signs) and decides if they
+//! are numbers.
 
 use memchr::memchr;
 
@@ -131,8 +131,8 @@ fn leading_digits(bytes: &[u8], at: usize) -> Option<(u64, usize)> {
     Some((eight_digits(values << half << half), digits as usize))
 }
 
-/// Returns the top bit of each byte that is not 0 to 9: adding 0x76 to any other value sets it. A carry may affect
-/// later bytes, but cannot hide the first one.
+/// Returns a word with the top bit set in each byte that is not 0 to 9: adding 0x76 to any other value sets it. A carry
+/// may affect later bytes, but cannot hide the first such byte.
 #[inline(always)]
 fn others(values: u64) -> u64 {
     (values.wrapping_add(0x7676_7676_7676_7676) | values) & 0x8080_8080_8080_8080

@@ -30,7 +30,7 @@ pub(crate) struct ReadPlan {
     rate: Option<(u64, f64)>,
     numbers: usize,
     time: Option<OutputColumn>,
-    /// The number of 1970-01-01 in a count of days.
+    /// The day number of 1970-01-01, if the times are days.
     origin_days: Option<f64>,
     /// Columns that are added to the time.
     time_parts: Vec<OutputColumn>,
@@ -40,19 +40,19 @@ pub(crate) struct ReadPlan {
     /// Empty, or one element per axis.
     wrench: Vec<Option<OutputColumn>>,
     others: Vec<OutputColumn>,
-    /// Number of requested text columns, with the groups.
+    /// Number of requested text columns, including the groups.
     labels: usize,
     has_groups: bool,
     /// Number of text columns in the result.
     texts: usize,
-    /// Conditions, whose columns follow these.
+    /// Conditions; their columns follow the other text columns.
     conditions: Vec<PlacedCondition>,
 }
 
 #[derive(Debug)]
 enum RowSyntax {
     Separated(RowPlan),
-    /// The requested positions in a frame.
+    /// Positions of the requested values in a [`ConsoleFrame`](super::console::ConsoleFrame).
     Console(Vec<usize>),
 }
 
@@ -227,7 +227,7 @@ impl ReadPlan {
         }
     }
 
-    /// Returns the columns to request from a table; none for text.
+    /// Returns the columns to request from a table; none for a console log.
     pub(crate) fn wanted_columns(&self) -> Vec<WantedColumn> {
         match &self.rows {
             RowSyntax::Separated(plan) => plan.wanted(),
@@ -249,8 +249,8 @@ impl ReadPlan {
         }
     }
 
-    /// Converts the parsed rows to a block. If the clock wraps around, it has done so `turns` times before.
-    /// Columns are swapped with those in `block`, whose memory is reused.
+    /// Converts the parsed rows to a block. The clock has wrapped around `turns` times before the first row. Columns
+    /// are swapped with those in `block`, whose memory is reused.
     pub(crate) fn fill(&self, block: &mut Block, parsed: &mut ParsedRows, turns: u32) {
         block.rows = parsed.rows;
         // `others` come first and are copied, because several may share a column; other columns are not shared.
@@ -307,7 +307,7 @@ impl ReadPlan {
         block.readings_before = None;
     }
 
-    /// Returns the readings of the last row of a part that has any, `None` if there is none.
+    /// Returns the readings of the last valid row of a part; `None` if there is none, or if rows are selected.
     fn last_readings_of(&self, rows: &mut TablePart) -> Option<Vec<f64>> {
         let mut parsed = ParsedRows::default();
         if self.readings.is_empty()
@@ -333,7 +333,7 @@ impl ReadPlan {
         self.conditions.iter().zip(values).all(|(condition, (value, _))| condition.is_met(value))
     }
 
-    /// Returns the readings of the last row in `lines` that has any, `None` if there is none.
+    /// Returns the readings of the last valid and selected row in `lines`, if there is one.
     fn last_readings(&self, lines: &[u8]) -> Option<Vec<f64>> {
         let mut end = lines.len();
         let mut parsed = ParsedRows::default();

@@ -2,8 +2,8 @@
 //!
 //! The fast path locates the ends of all fields of some rows, then parses column by column. No step waits for the
 //! previous one, and branches are predicted well because a column has numbers of one kind. Blank and bad rows are
-//! parsed one by one, as are lines with quotes that are needed (with the csv crate); a quoted field cannot contain a
-//! line break.
+//! parsed one by one. If a quoted field contains a separator or a quote, the csv crate splits its line; no quoted field
+//! can contain a line break.
 
 #[cfg(test)]
 mod tests;
@@ -25,7 +25,7 @@ use crate::format::head::{are_units, roles};
 use crate::line::{line_ends, without_returns};
 use shell_data::wrench::Axis;
 
-/// The column by which a log shows that a reference was recorded beside the board.
+/// The column that shows that a log contains samples of a reference beside those of the board.
 const REFERENCE_NUMBER: &str = "ref_index";
 
 #[derive(Debug)]
@@ -47,19 +47,19 @@ pub(crate) struct HeadLines {
     pub(crate) units: Vec<u8>,
 }
 
-/// A line in the middle of a log that is no row.
+/// The kind of a line in the middle of a log that is no row.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum OtherLine {
     /// A repeated line of the head.
     Head,
-    /// Names or units other than in the head.
+    /// Names or units that differ from the head.
     OtherHead,
     Other,
 }
 
 impl HeadLines {
     fn recognise(&self, line: &[u8], separator: u8) -> OtherLine {
-        // Without blanks, quotes and marks of remarks.
+        // Lines are compared without blanks, quotes and comment marks.
         let bare = |line: &[u8]| -> Vec<u8> {
             let is_text = |byte: &u8| !byte.is_ascii_whitespace() && !b"\"#%/".contains(byte);
             line.iter().copied().filter(is_text).collect()
@@ -69,7 +69,7 @@ impl HeadLines {
             return OtherLine::Head;
         }
         let is_marked = |line: &[u8]| is_comment(line) || line.trim_ascii().starts_with(b"%");
-        // A remark is no head of a log whose names are in no remark.
+        // If the names are not in a comment, no comment is a head.
         if is_marked(line) && !is_marked(&self.names) {
             return OtherLine::Other;
         }
@@ -199,8 +199,8 @@ impl RowPlan {
             match self.parse_line(line, parsed) {
                 None => parsed.pass_lines(1),
                 Some(Ok(())) => parsed.rows += 1,
-                // A writer that was killed or lost power leaves a cut-off last row. This is no error, nor is a frame
-                // without a sample of the reference.
+                // A writer that was killed or lost power leaves a cut-off last row. Neither this nor a frame without a
+                // sample of the reference is an error.
                 Some(Err(problem)) if is_skipped(&problem) => {
                     parsed.skip(at, problem);
                     parsed.pass_lines(1);
@@ -462,7 +462,7 @@ fn parse_column(
     fields: ColumnFields<'_>,
     values: &mut [f64],
 ) -> Option<usize> {
-    // Readings are short integers; this loop runs as long as all fields are.
+    // Readings are short integers. A fast loop parses them up to the first other field.
     let whole = whole_numbers(lines, fields, values);
     for (row, value) in values.iter_mut().enumerate().skip(whole) {
         let (start, end) = fields.position(row);

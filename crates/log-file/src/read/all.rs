@@ -21,17 +21,17 @@ pub struct ReadOptions<'a> {
     /// Number of threads for parsing; 0 for one per core.
     pub threads: usize,
     pub skip_bad_rows: bool,
-    /// Largest accepted share of invalid rows when they are skipped; `None` for any.
+    /// Largest accepted share of invalid rows if they are skipped; `None` accepts any.
     pub largest_bad_share: Option<f64>,
     pub checksum: bool,
-    /// True if an excluded group may be in other logs alone.
+    /// True if an excluded group need not occur in these logs.
     pub may_exclude_nothing: bool,
     /// Called on the caller's thread with the number of bytes read of the file on disk.
     pub progress: Option<&'a (dyn Fn(u64) + Sync)>,
 }
 
 impl ReadOptions<'_> {
-    /// Share of invalid rows up to which they are skipped without a request for all.
+    /// Largest share of invalid rows that is skipped by default.
     pub const FEW_BAD_ROWS: f64 = 0.1;
 
     pub fn thread_count(&self) -> usize {
@@ -193,7 +193,7 @@ fn check_rows(
     let is_empty = |summary: &ReadSummary| summary.rows == 0 && summary.skipped_rows == 0;
     let Some(at) = found.iter().position(is_empty) else { return Ok(()) };
     let (log, path) = (logs[at], logs[at].path().to_owned());
-    // The condition that removes most rows.
+    // The error names the condition that removes most rows.
     let pairs = log.layout.conditions.iter().zip(&tallies[at]);
     match pairs.max_by_key(|(_, tally)| tally.removed) {
         Some((condition, tally)) => {
@@ -204,7 +204,7 @@ fn check_rows(
     }
 }
 
-/// Refuses a condition that a value is unequal, such as an excluded group, which removes no row of any log.
+/// Refuses an exclusion (a condition with `!=`, such as an excluded group) that removes no row of any log.
 fn check_exclusions(logs: &[&Log], tallies: &[Vec<ConditionTally>]) -> Result<(), LogError> {
     let Some((log, of_first)) = logs.first().zip(tallies.first()) else { return Ok(()) };
     for (at, condition) in log.layout.conditions.iter().enumerate() {
@@ -227,7 +227,7 @@ fn check_exclusions(logs: &[&Log], tallies: &[Vec<ConditionTally>]) -> Result<()
 /// The line and error of the first skipped row, and numbers of skipped rows by their common feature.
 type SkippedRows = (Option<(u64, RowProblem)>, BTreeMap<String, u64>);
 
-/// Checks that at most this share of each log's rows was skipped.
+/// Checks that at most `share` of each log's rows was skipped. A single skipped row is always accepted.
 fn check_skipped(
     logs: &[&Log],
     found: &[ReadSummary],

@@ -19,8 +19,8 @@ const PIECES: u64 = 16;
 const PIECE_BYTES: u64 = 1 << 12;
 
 impl Log {
-    /// Returns rows from all parts of a plain text, or from the start of another file: enough to choose centres and
-    /// scales. Invalid rows are left out.
+    /// Returns rows spread over a plain text, or the first rows of another file: enough to choose centres and scales.
+    /// Invalid rows are left out.
     ///
     /// # Errors
     /// [`LogError`] if wanted columns are missing or the file cannot be read.
@@ -47,8 +47,8 @@ impl Log {
         Ok(buffer.block)
     }
 
-    /// Returns for each column if it has text: in a [sample](Self::sample) of rows, or an empty field in any row,
-    /// because no number represents it.
+    /// Returns true for each column that has text in a [sample](Self::sample) of rows, or an empty field in any row: no
+    /// number represents an empty field.
     ///
     /// # Errors
     /// [`LogError`] if the file cannot be read.

@@ -9,8 +9,8 @@ use twox_hash::XxHash3_128;
 
 use crate::checksum;
 
-/// Largest ratio of unpacked to compressed size, beyond 64 MB. Logs of measured numbers compress to between a third
-/// and a twentieth of their text; unpacking to a thousand times the size takes time and is useless.
+/// Largest ratio of unpacked to compressed size, which applies above 64 MB. Logs of measured numbers compress to
+/// between a third and a twentieth of their text. A file that unpacks to a thousand times its size only takes time.
 pub(super) const UNPACKED_RATIO: u64 = 128;
 
 /// A decoder that may return `left` more bytes.

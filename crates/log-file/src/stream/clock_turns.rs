@@ -35,7 +35,7 @@ impl ClockTurns {
         Self { form, separator, column, turn: TURN, margin: TURN / 2.0, before: None, turns: 0 }
     }
 
-    /// Adapts it to a clock that may not wrap: only a jump from just below a turn to just above 0 counts.
+    /// Adapts the counter to a clock that may not wrap: only a jump from just below a turn to just above 0 counts.
     pub(crate) fn of_counter(self) -> Self {
         Self { margin: TURN / 8.0, ..self }
     }
@@ -67,7 +67,7 @@ impl ClockTurns {
         let first = lines.split(is_end).take(LINES).find_map(time);
         let last = lines.rsplit(is_end).take(LINES).find_map(time);
         let Some(ends) = first.zip(last) else { return self.turns };
-        // An increasing time has not wrapped, unless by more than half a turn.
+        // If the last time is not before the first, the clock has not wrapped within the chunk.
         let times = if ends.1 < ends.0 {
             lines.split(is_end).filter_map(time).collect()
         } else {
@@ -116,7 +116,7 @@ impl ClockTurns {
             if self.has_turned(before, *time) {
                 offset += self.turn;
             } else if offset > 0.0 && self.has_turned(*time, before) {
-                // A row out of order, from before the wraparound.
+                // The row is out of order: its time is from before the wraparound.
                 offset -= self.turn;
             }
             before = *time;

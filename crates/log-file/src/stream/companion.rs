@@ -1,7 +1,7 @@
 //! Joins two files row by row into one text: the lines `1,2` and `3` become `1,2,3`.
 //!
-//! Files that are logs by themselves are joined below their heads, each in its own notation. Otherwise either both
-//! files have names in their first line, or neither.
+//! If both files are logs by themselves, their rows are joined, and each may have its own head and notation. Otherwise,
+//! both files must have names in their first line, or neither.
 
 use std::io::{self, BufRead, BufReader, Read};
 use std::sync::Arc;
@@ -131,7 +131,7 @@ impl Sides {
         self.separator
     }
 
-    /// Returns the names of the second file, with those that the first has as well marked.
+    /// Returns the names of the second file. Names that the first file has, too, begin with `2nd`.
     fn names(&self, [first, second]: [&[u8]; 2]) -> Vec<u8> {
         let separator = char::from(self.separator);
         let [first, second] = [first, second].map(String::from_utf8_lossy);

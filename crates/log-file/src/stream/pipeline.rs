@@ -6,9 +6,9 @@
 //!              └────────── room for another result ───────────┘
 //! ```
 //!
-//! `init` makes a state for every thread, which is returned at the end. Results that do not depend on the order are
-//! summed in it, without locks. The assignment of pieces to threads is random; the pieces and the order of results
-//! are not.
+//! `init` makes a state for every thread, which is returned at the end. Workers can sum order-independent results in
+//! their state without locks. The assignment of pieces to threads is random; the pieces and the order of results are
+//! not.
 
 use shell_data::lock::lock;
 use std::collections::VecDeque;
@@ -157,8 +157,8 @@ fn work_on_pieces<P: Pieces, S, T>(
     }
 }
 
-/// Passes results to `fold` in order until the workers have ended; each result makes room for another piece. Drops
-/// the channel ends that the workers wait for at the end, or when `fold` panics.
+/// Passes results to `fold` in order until the workers have ended; each result makes room for another piece. Both
+/// channel ends are dropped on return or panic, so that no worker waits forever.
 fn fold_in_order<T, E, F: From<E>>(
     finished: Receiver<Numbered<T, E>>,
     room: Sender<()>,
@@ -177,7 +177,7 @@ fn fold_in_order<T, E, F: From<E>>(
             next += 1;
             let result = result.unwrap_or_else(|panic| resume_unwind(panic));
             fold(result?)?;
-            // An error means that the workers have ended and need no room.
+            // Sending fails only if all workers have ended, which need no room.
             let _ = room.send(());
         }
     }

@@ -305,7 +305,7 @@ impl LogSource {
         }
     }
 
-    /// Makes the error for a problem at a line of the text.
+    /// Returns the error for a problem at a line of the text.
     pub(crate) fn error_at(&self, line: u64, problem: impl Into<PlacedProblem>) -> LogError {
         let (path, position) = (self.path.clone(), self.position(line));
         let problem = problem.into();

@@ -57,7 +57,7 @@ enum SideRows {
 }
 
 impl<'a> TableSide<'a> {
-    /// Opens the columns of `source`, at positions `columns` of the log; rows begin at line `rows_line` of its text.
+    /// Opens the columns of `source`, which are at positions `columns` of the log. Its rows begin at line `rows_line`.
     fn new(
         source: &'a LogSource,
         wanted: &[WantedColumn],
@@ -153,7 +153,7 @@ impl<'a> TableRows<'a> {
         part.columns.resize_with(columns, ColumnPart::default);
         for side in self.sides.iter_mut().rev() {
             side.next(self.part_rows)?;
-            // Swapped, so that the memory of the part is reused for the next rows.
+            // Columns are swapped, so that their memory is reused for the next rows.
             for (column, &place) in side.part.columns.iter_mut().zip(&side.places) {
                 std::mem::swap(column, &mut part.columns[place]);
             }

@@ -16,7 +16,7 @@ pub(crate) struct TextRows {
     lines: BufReader<ByteStream>,
     line: Vec<u8>,
     number: u64,
-    /// The separator, once a line has shown it.
+    /// The separator, once a line contains one.
     separator: Option<u8>,
 }
 

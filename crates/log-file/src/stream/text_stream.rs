@@ -10,8 +10,8 @@ pub(crate) struct TextStream<F> {
 }
 
 impl<F: FnMut(&mut Vec<u8>) -> io::Result<bool>> TextStream<F> {
-    /// Streams `text`, then the pieces that `append` appends; it returns `false` after the last. The stream ends
-    /// after an error.
+    /// Streams `text`, then the pieces that `append` appends. `append` returns `false` with or after the last piece.
+    /// The stream ends after an error.
     pub(crate) fn new(text: Vec<u8>, append: F) -> Self {
         Self { append, text, at: 0, ended: false }
     }

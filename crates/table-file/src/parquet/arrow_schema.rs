@@ -1,5 +1,5 @@
-//! The units in Arrow's schema, which its writers keep beside Parquet's own: a message of Arrow's IPC format
-//! ("Arrow Columnar Format", "Schema.fbs", "Message.fbs") in base64.
+//! The units in Arrow's schema, which Arrow's writers store in addition to Parquet's schema: a message in Arrow's IPC
+//! format ("Arrow Columnar Format", "Schema.fbs", "Message.fbs"), in base64.
 
 use super::super::table::attributes_of;
 use serde_json::Value;
@@ -15,7 +15,7 @@ const DEPTH: usize = 8;
 pub(super) fn units(text: &str) -> Vec<(String, String)> {
     let mut units = Vec::new();
     let bytes = from_base64(text);
-    // The message begins behind a mark and its length, or behind its length.
+    // The message follows its length, which may follow a continuation marker.
     let start = if bytes.starts_with(&[0xff; 4]) { 8 } else { 4 };
     let buffer = FlatBuffer(bytes.get(start..).unwrap_or_default());
     let schema = buffer.root().and_then(|message| buffer.table(message, 2));
@@ -55,7 +55,7 @@ pub(super) fn attributes(key: &str, value: &str) -> Vec<(String, String)> {
     let mut pairs = Vec::new();
     match (key, json()) {
         (KEY, _) => {}
-        // Attributes of a frame of pandas, without those of its columns.
+        // Attributes of a pandas data frame, without attributes of its columns.
         ("pandas", Some(value)) => attributes_of("", &value["attributes"], &mut pairs),
         ("PANDAS_ATTRS", Some(value)) => attributes_of("", &value, &mut pairs),
         (key, Some(value)) => attributes_of(key, &value, &mut pairs),
@@ -159,7 +159,7 @@ mod tests {
         let expected = [("t", "ms"), ("ft", "mN, mNm"), ("w.fx", "kN")];
         let expected = expected.map(|(path, unit)| (path.to_owned(), unit.to_owned()));
         assert_eq!(units(SCHEMA), expected);
-        // No damage makes it fail otherwise than by the loss of units.
+        // Damage can only remove or change units; it never causes a panic.
         for at in 0..SCHEMA.len() {
             units(&SCHEMA[..at]);
             let mut damaged = SCHEMA.as_bytes().to_vec();

@@ -106,7 +106,7 @@ pub(super) struct Deltas {
     at: usize,
     left: u64,
     value: i64,
-    /// Number of values and of miniblocks in a miniblock and a block.
+    /// Number of values per miniblock, and number of miniblocks per block.
     size: usize,
     miniblocks: usize,
     /// The block's smallest difference, and the widths of its remaining miniblocks.
@@ -162,7 +162,7 @@ impl Deltas {
         (self.width <= 64 && is_there).then_some(())
     }
 
-    /// Splits bytes that begin with such integers after the last of them.
+    /// Splits bytes that begin with delta-encoded integers, after the last integer.
     pub(super) fn split(mut bytes: Vec<u8>) -> Option<(Self, Vec<u8>)> {
         let mut integers = Self::new(bytes)?;
         let mut left = integers.left.saturating_sub(1);
@@ -197,8 +197,8 @@ impl Iterator for Deltas {
     }
 }
 
-/// Texts that are stored as the lengths of all, followed by their bytes; and possibly as the number of bytes that
-/// each shares with the text before it.
+/// Texts that are stored as the lengths of all texts, followed by their bytes. The number of bytes that each text
+/// shares with the previous one may precede the lengths.
 pub(super) struct DeltaTexts {
     shared: Option<Deltas>,
     lengths: Deltas,

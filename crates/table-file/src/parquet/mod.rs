@@ -33,10 +33,10 @@ const KIND: FileKind = FileKind::Parquet;
 /// The longest footer in bytes; decoded values take up to 32 times as much.
 const FOOTER: u64 = 4 << 20;
 
-/// Number of row groups that are searched for a list that is not missing.
+/// Number of row groups that are searched for a row with a list.
 const LISTS_LOOKED_AT: usize = 64;
 
-/// The largest number of values per byte of a file, beyond a few millions.
+/// The largest number of values per byte of a file with more than a few million values.
 const VALUES_PER_BYTE: u64 = 2048;
 
 #[derive(Debug)]
@@ -126,8 +126,8 @@ pub(crate) fn open(source: &FileSource) -> Result<FoundTable, TableError> {
     Ok(FoundTable { attributes, ..FoundTable::new(Some(names), table) })
 }
 
-/// Gives columns the units of their fields in Arrow's schema, or of the fields that contain these. A list may have one
-/// unit for each element.
+/// Gives columns the units of their fields in Arrow's schema, or else of a field that contains theirs. A list may have
+/// one unit for each element.
 fn set_units(
     units: &[(String, String)],
     leaves: &[Leaf],
@@ -211,7 +211,7 @@ fn row_group(
     Ok(RowGroup { rows, chunks: chunks.collect::<Result<_, _>>()? })
 }
 
-/// A leaf, its requested columns, and the values read for a part.
+/// A column of the file (leaf), the table columns that it fills, and the values read for a part.
 struct WantedLeaf {
     at: usize,
     is_text: bool,
@@ -353,7 +353,7 @@ impl ParquetTable {
             let shares = sources.iter_mut().zip(leaves.chunks_mut(share));
             let readers: Vec<_> =
                 shares.map(|(source, leaves)| scope.spawn(|| read(source, leaves))).collect();
-            // The first error in the order of columns, for any number of threads.
+            // The first error in the order of columns is returned, for any number of threads.
             readers
                 .into_iter()
                 .map(|reader| reader.join().unwrap_or_else(|panic| resume_unwind(panic)))
@@ -362,7 +362,7 @@ impl ParquetTable {
     }
 }
 
-/// A reader of the file, with what all readers of it hold and have unpacked.
+/// A reader of the file, with the memory that all its readers share.
 struct ParquetSource {
     file: OpenFile,
     length: u64,

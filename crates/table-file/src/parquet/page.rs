@@ -19,7 +19,7 @@ use crate::thrift::{self, Value};
 const HEAD: u64 = 1 << 20;
 
 pub(super) struct ColumnReader {
-    /// The unread part.
+    /// The pages that have not been read.
     chunk: ColumnChunk,
     dictionary: ColumnPart,
     dictionary_bytes: u64,
@@ -38,7 +38,7 @@ struct Page {
     bytes: u64,
 }
 
-/// The values of a page, without the missing ones.
+/// The present values of a page.
 enum PageValues {
     /// Consecutive values, and the position of the next one.
     Plain(Vec<u8>, usize),
@@ -51,7 +51,7 @@ enum PageValues {
 /// Number of list elements that are checked for the lengths of lists.
 const LOOKED_AT: u64 = 1 << 14;
 
-/// Bytes of texts in a part of a column: a few bytes of a file can repeat a long text for every row.
+/// Largest number of bytes of texts in a part of a column: a few bytes of a file can repeat a long text for every row.
 const TEXTS: usize = 64 << 20;
 
 const DATA: i64 = 0;
@@ -179,7 +179,7 @@ impl ColumnReader {
         let Page { left, repeats: Some(repeats), levels: Some(definitions), .. } = page else {
             return Ok(None);
         };
-        // More than a row of a table may have.
+        // Enough elements to find lists that are longer than a row of a table may be.
         let most = (*left).min(LOOKED_AT) as usize;
         let read = |integers: &mut Integers| {
             let mut levels = Vec::new();
@@ -325,13 +325,13 @@ impl ColumnReader {
         Ok(())
     }
 
-    /// Reads the header of the next page, and returns its length in bytes as well.
+    /// Reads the header of the next page; returns it with its length in bytes.
     fn head(&self, file: &mut OpenFile, name: &str) -> Result<(Value, u64), TableError> {
         let there = self.chunk.end.saturating_sub(self.chunk.at);
         if there == 0 {
             return Err(KIND.damaged(format!("column `{name}` has fewer values than rows")));
         }
-        // Headers are usually short; reads a longer piece if necessary.
+        // Headers are usually short; a longer piece is read if necessary.
         for most in [1 << 10, HEAD] {
             let mut bytes = vec![0; there.min(most) as usize];
             file.seek(SeekFrom::Start(self.chunk.at))?;
@@ -345,7 +345,7 @@ impl ColumnReader {
     }
 }
 
-/// Prepares the values of a page for decoding, by encoding.
+/// Prepares the values of a page for decoding, depending on their encoding.
 fn values(bytes: Vec<u8>, encoding: Option<i64>, leaf: &Leaf) -> Result<PageValues, TableError> {
     let wrong = || KIND.damaged(format!("column `{}`: a page of values", leaf.name));
     let kind = leaf.kind;
@@ -400,7 +400,7 @@ fn unread_values(leaf: &Leaf, text_bytes: usize) -> TableError {
 }
 
 impl PageValues {
-    /// Reads the next `count` values, whose texts may have `text_bytes` bytes; `None` if there are fewer, or longer ones.
+    /// Reads the next `count` values; `None` if there are fewer, or if their texts exceed `text_bytes` bytes.
     fn read(
         &mut self,
         count: usize,

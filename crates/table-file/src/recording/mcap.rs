@@ -31,7 +31,7 @@ struct Records {
     next: usize,
     unpacked: Unpacked,
     ended: bool,
-    /// Position of the record in which a file without its end stops.
+    /// Position of the record that is cut off, if the file has no end.
     cut_at: Option<u64>,
 }
 
@@ -101,12 +101,12 @@ impl Records {
             if end == MAGIC {
                 return Err(KIND.damaged(format!("the length of the record at byte {at}")));
             }
-            // A recorder that is killed leaves whole chunks, and part of the next.
+            // A recorder that was killed leaves whole chunks, and part of the next one.
             (self.ended, self.cut_at) = (true, Some(at));
             return Ok(());
         }
         match head[0] {
-            // The end of the data section, or the footer of a file without one.
+            // The record is the end of the data section, or the footer of a file without that record.
             0x02 | 0x0f => self.ended = true,
             0x03..=0x05 => {
                 let what = format_args!("the message at byte {at}");
@@ -153,7 +153,7 @@ fn chunk(
     let records = unpack(codec, packed, size)
         .map_err(|what| KIND.damaged(format!("the chunk at byte {at}: {what}")))?;
     match checksum {
-        // 0 stands for no checksum.
+        // 0 means that there is no checksum.
         0 => Ok(records),
         _ if crc32fast::hash(&records) == checksum => Ok(records),
         _ => Err(KIND.damaged(format!("the chunk at byte {at}: its checksum is another"))),

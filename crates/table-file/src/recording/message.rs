@@ -27,7 +27,7 @@ pub(super) struct Message {
 
 pub(super) enum Unread {
     Damaged(String),
-    /// It is in an encoding that is not supported.
+    /// The message has an encoding that is not supported.
     Unsupported(String),
 }
 
@@ -36,7 +36,7 @@ const AXES: [&str; 6] = ["Fx", "Fy", "Fz", "Mx", "My", "Mz"];
 const DEPTH: usize = 8;
 
 impl FieldKind {
-    /// Returns `None` if such messages are not supported.
+    /// Returns `None` if messages of this schema and encoding are not supported.
     pub(super) fn new(schema: &str, definition: &str, encoding: &str) -> Option<Self> {
         let is_ros1 = match encoding {
             "json" => return Some(Self::Json),
@@ -90,7 +90,7 @@ impl FieldKind {
     }
 }
 
-/// Returns the fields of a definition after its header; `None` if one is neither `float64` nor `string`.
+/// Returns the fields after the header in a definition; `None` if a field is neither `float64` nor `string`.
 fn record_fields(definition: &str) -> Option<Vec<(String, bool)>> {
     let mut lines = definition.lines().take_while(|line| !line.starts_with('='));
     if lines.next()? != "std_msgs/Header header" {
@@ -104,7 +104,7 @@ fn record_fields(definition: &str) -> Option<Vec<(String, bool)>> {
     lines.map(field).collect()
 }
 
-/// Decodes numbers and texts after a header (CDR, little-endian).
+/// Decodes a [`FieldKind::Record`] (CDR, little-endian).
 fn record(data: &[u8], fields: &[(String, bool)]) -> Option<Message> {
     let data = data.strip_prefix(&[0, 1, 0, 0])?;
     let mut bytes = ByteReader::new(data);
@@ -148,7 +148,7 @@ struct Layout {
 }
 
 impl Layout {
-    /// The layout that the first two bytes of a CDR message give (DDS-XTypes 1.3, table 60).
+    /// Returns the layout that the first two bytes of a CDR message specify (DDS-XTypes 1.3, table 60).
     fn of_cdr([high, low, ..]: [u8; 4]) -> Result<Self, Unread> {
         let is_little = low % 2 == 1;
         let name = match (high, low) {

@@ -27,7 +27,7 @@ const MESSAGE: u64 = 16 << 20;
 const WAITING: usize = 4096;
 
 enum Record {
-    /// A channel of a topic; `kind` is `None` if its messages are not read.
+    /// A channel of a topic; `kind` is `None` if its messages are not supported.
     Channel {
         id: u32,
         topic: String,
@@ -38,13 +38,13 @@ enum Record {
         log_time: u64,
         data: Vec<u8>,
     },
-    /// The byte at which a file without its end stops, after all other records.
+    /// The position at which the file is cut off. This record comes last.
     Cut {
         at: u64,
     },
 }
 
-/// The records of a file in order: the next one, `None` at the end.
+/// The records of a file in order. Each call returns the next one; `None` at the end.
 type Records = Box<dyn FnMut() -> Result<Option<Record>, TableError> + Send>;
 
 fn records(kind: FileKind, file: &FileSource) -> Result<Records, TableError> {
@@ -116,7 +116,7 @@ pub(crate) fn open(
                 let topic = &mut topics[at];
                 if !topic.fields.is_object() || topic.columns.is_empty() {
                     let message = match topic.fields.decode(&data) {
-                        // Texts that are no objects: a topic of remarks.
+                        // Texts that are not JSON objects are remarks.
                         Err(_) if topic.fields.is_text() => {
                             others.insert(topics.remove(at).name);
                             continue;
@@ -190,21 +190,21 @@ pub(crate) fn open(
     Ok(found)
 }
 
-/// The stamps of messages, which may come from a clock or from an unset field.
+/// Statistics of the stamps of messages, which show if a clock set them.
 #[derive(Default)]
 struct Stamps {
     count: u64,
-    /// Number of stamps that differ from the one before.
+    /// Number of stamps that differ from the previous one.
     moves: u64,
     is_negative: bool,
     last: i64,
-    /// The log time of the first message with the last stamp.
+    /// The log time of the first message with the current stamp, in ns.
     since: u64,
     /// The longest log time during which the stamp was the same, in ns.
     longest_rest: u64,
 }
 
-/// The longest time in ns that a clock may rest while messages are logged.
+/// The longest time in ns for which stamps of a clock may be equal while messages are logged.
 const REST: u64 = 1_000_000_000;
 
 impl Stamps {
@@ -311,7 +311,7 @@ impl Topic {
     fn push(&self, message: Message, row: &mut Vec<Cell>) {
         let mut values = message.columns;
         for (position, name) in self.columns.iter().enumerate() {
-            // The order usually matches.
+            // The columns usually have the same order as the message.
             let is_same = |entry: &(String, Cell)| entry.0 == *name;
             let found = match values.get(position).is_some_and(is_same) {
                 true => Some(position),

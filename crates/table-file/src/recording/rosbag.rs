@@ -99,7 +99,7 @@ impl Bag {
             }
             let at = self.at;
             if at == self.length {
-                // An end without an index is told once.
+                // The missing index is reported once.
                 let is_cut = self.is_unfinished();
                 self.index_at = self.length;
                 return Ok(is_cut.then_some(Record::Cut { at }));
@@ -116,8 +116,8 @@ impl Bag {
         }
     }
 
-    /// Returns true if the record at a position is wrong because the file ends too early: in a record, in the index,
-    /// or in a chunk whose length was not filled in.
+    /// Returns true if the record at a position is invalid because the file ends too early: within a record or the
+    /// index, or in a chunk without its length.
     fn ends_within(&self, at: u64) -> bool {
         self.is_in_chunk || self.is_short && (self.is_unfinished() || at >= self.index_at)
     }
@@ -135,8 +135,8 @@ impl Bag {
             }
             CHUNK => {
                 let length = self.read_length()?;
-                // The recorder fills in the sizes at the end of the chunk. Uncompressed records are read like those
-                // at the top.
+                // The recorder fills in the sizes when it ends the chunk. Until then, uncompressed records are read as
+                // if they were outside a chunk.
                 let is_empty = fields.number("size", 4) == Some(0);
                 let is_cut = length > self.length - self.at;
                 let is_raw = fields.get("compression") == Some(b"none");

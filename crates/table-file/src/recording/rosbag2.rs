@@ -29,7 +29,7 @@ pub(super) fn records(file: &FileSource) -> Result<Records, TableError> {
         else {
             return Err(KIND.damaged(format!("row {id} of `topics`")));
         };
-        // Text that is not a definition of a type, which this storage has elsewhere or not at all.
+        // The definition of a type is empty, because this storage has it in another table or not at all.
         let kind = FieldKind::new(schema, "", encoding);
         channels.push(Record::Channel { id: id as u32, topic: topic.clone(), kind });
     }

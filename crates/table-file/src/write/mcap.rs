@@ -99,7 +99,7 @@ fn definition(types: &[&str]) -> String {
     types.join(&("=".repeat(80) + "\n"))
 }
 
-/// Reliable, transient local, like ROS 2's static transform broadcaster: also delivers to late subscribers.
+/// Quality of service of ROS 2's static transform broadcaster: also delivers to late subscribers (transient local).
 const LATCHED: &str = "\
 - history: 1
   depth: 1
@@ -150,7 +150,7 @@ pub fn record_stamped<'a>(
     }
 }
 
-/// Appends the pose of `child` in `parent`, also in CDR: metres, and a unit quaternion (x, y, z, w).
+/// Appends the pose of `child` in `parent` in CDR: a position in metres, and a unit quaternion (x, y, z, w).
 pub fn static_transform(
     message: &mut Vec<u8>,
     time_ns: u64,
@@ -192,7 +192,7 @@ fn doubles(message: &mut Vec<u8>, start: usize, values: &[f64]) {
     values.iter().for_each(|value| message.extend(value.to_le_bytes()));
 }
 
-/// Messages that are written together. Not compressed, which is also ROS 2's default: LZ4 would take longer than
+/// Messages that are written together. They are not compressed, as is ROS 2's default: LZ4 would take longer than
 /// making the messages.
 #[derive(Debug, Default)]
 pub struct McapChunk {
@@ -300,7 +300,7 @@ impl<W: Write> McapWriter<W> {
     fn channels(&self) -> Vec<u8> {
         let channel = |(position, channel): (usize, &McapChannel)| {
             let number = position as u16 + 1;
-            // A schema has the number of its channel.
+            // A schema and its channel have the same number.
             let content = ByteWriter::default().u16(number).u16(number);
             let content = content.text(&channel.topic).text("cdr");
             let metadata = channel.metadata.iter();

@@ -18,8 +18,8 @@ pub use crate::mat5::write_matlab;
 
 const GROUP_ROWS: usize = 1 << 16;
 
-/// Columns of equal length with names that include the unit. CSV has the fewest digits that read back equal. Missing
-/// values are empty in CSV and null in Parquet.
+/// Columns of equal length with names that include the unit. Numbers in CSV have the fewest digits that read back
+/// equal. Missing values are empty in CSV and null in Parquet.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NamedTable {
     columns: Vec<(String, Cells<'static>)>,
@@ -113,7 +113,7 @@ mod tests {
     }
     #[test]
     fn parquet_reads_back_as_what_it_was_made_from() {
-        // More rows than a row group has.
+        // A row group has fewer rows.
         let many = 70_000;
         let names = (0..many).map(|row| format!("trial {}", row / 1000));
         let drag = (0..many).map(|row| (row % 3 > 0).then_some(f64::from(row) / 7.0));

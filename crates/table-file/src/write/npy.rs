@@ -13,7 +13,7 @@ pub fn write_numpy(out: &mut dyn Write, columns: &[(String, Cells<'_>)]) -> io::
     let mut fields = Vec::new();
     let mut widths = Vec::new();
     for (name, cells) in columns {
-        // Characters that would end the name or the header line.
+        // These characters would end the name or the header line.
         let is_special = |c: char| c.is_control() || matches!(c, '\\' | '\'');
         let name = name.replace(is_special, "_");
         let (kind, width) = match cells {

@@ -190,7 +190,7 @@ fn plain(bytes: &mut Vec<u8>, values: impl Iterator<Item = [u8; 8]>) {
     values.for_each(|value| bytes.extend_from_slice(&value));
 }
 
-/// Appends a bit per value that tells if it is present, after their length; returns the number of missing values.
+/// Appends a length and one bit per value, which is set if the value is present. Returns the number of missing values.
 fn levels<T>(bytes: &mut Vec<u8>, values: &[Option<T>]) -> io::Result<i64> {
     let groups = values.chunks(8);
     let mut bits = Vec::with_capacity(groups.len() + 5);

@@ -7,13 +7,13 @@ pub(crate) enum Load {
     Taps,
     /// A sine on each axis whose frequency sweeps between 0.1 and 4 Hz, different for every axis.
     Sweeps,
-    /// From one random load to the next in 50 to 400 ms, held for 0.2 to 1.2 s.
+    /// Random loads, held for 0.2 to 1.2 s each, with transitions of 50 to 400 ms.
     Ramps,
     /// White noise through two first-order low-passes.
     Walk,
-    /// On each axis three sines of 0.2 to 3 Hz.
+    /// Three sines of 0.2 to 3 Hz on each axis.
     Sines,
-    /// From one random load to the next in 2 to 10 ms, held for 0.5 to 3 s: hung weights.
+    /// Random loads, held for 0.5 to 3 s each, with transitions of 2 to 10 ms, like hung weights.
     Steps,
 }
 
@@ -42,7 +42,7 @@ fn taps(rows: usize, step_s: f64, random: &mut Random) -> Vec<[f64; 6]> {
     let mut start_s = 0.3;
     while start_s < rows as f64 * step_s {
         let (width_s, size) = (0.06 + 0.29 * random.unit(), normals(random, 0.7));
-        // Fast rise, slower fall: a hand that strikes.
+        // The load rises fast and falls more slowly, as if a hand strikes.
         let early = 0.3 + 0.4 * random.unit();
         let first = (start_s / step_s) as usize;
         for (k, row) in load.iter_mut().enumerate().skip(first) {
@@ -70,7 +70,7 @@ fn sweeps(rows: usize, step_s: f64, random: &mut Random) -> Vec<[f64; 6]> {
         let mut phase = std::f64::consts::TAU * random.unit();
         let start_s = period_s * random.unit();
         for (k, row) in load.iter_mut().enumerate() {
-            // Up and down again, on a logarithmic scale.
+            // The frequency sweeps up and down, on a logarithmic scale.
             let x = ((k as f64 * step_s + start_s) / period_s).fract();
             let rate_hz = low * f64::powf(high / low, 1.0 - (2.0 * x - 1.0).abs());
             phase += std::f64::consts::TAU * rate_hz * step_s;
@@ -80,7 +80,7 @@ fn sweeps(rows: usize, step_s: f64, random: &mut Random) -> Vec<[f64; 6]> {
     load
 }
 
-/// `ramp` and `hold` are each the minimum time and the range above it, s.
+/// `ramp` and `hold` are pairs: the minimum time, and the range above it, s.
 fn ramps(
     rows: usize,
     step_s: f64,

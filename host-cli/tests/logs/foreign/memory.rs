@@ -12,15 +12,15 @@ pub(crate) enum Kind {
     MaxwellSlip,
     /// A triangle of relays (Mayergoyz, Phys. Rev. Lett. 56, 1518, 1986), one per channel.
     Preisach,
-    /// Dahl (1968): friction that approaches its limit exponentially since a reversal.
+    /// Dahl (1968): friction that approaches its limit exponentially after a reversal.
     Dahl,
     /// The standard linear solid: creep with two time constants, no friction.
     LinearSolid,
-    /// Bristles by speed (Canudas de Wit et al., IEEE Trans. Autom. Control 40, 419, 1995).
+    /// Bristle friction that depends on speed (Canudas de Wit et al., IEEE Trans. Autom. Control 40, 419, 1995).
     LuGre,
     /// One play per direction, each with its own width: a joint with backlash.
     Backlash,
-    /// A gap in the middle that takes hardly any force to cross.
+    /// Clearance in the middle, which a very small force crosses.
     Clearance,
 }
 
@@ -42,7 +42,7 @@ impl Kind {
         matches!(self, Self::MaxwellSlip | Self::Preisach)
     }
 
-    /// A random spring; loads are of order 1.
+    /// Returns a random spring for loads of order 1.
     pub(crate) fn draw(self, random: &mut Random) -> Box<dyn Spring> {
         let mut between = |low: f64, high: f64| low + (high - low) * random.unit();
         match self {
@@ -188,7 +188,7 @@ impl Spring for LuGre {
         for _ in 0..PARTS {
             let drive = force - x - self.stiffness * z;
             let slower = (self.stick - self.kinetic) * (-(v / self.stribeck).powi(2)).exp();
-            // Share of the motion that bends the bristles; 0 where they slide.
+            // Share of the motion that bends the bristles; 0 if they slide.
             let bends = 1.0 - self.stiffness * z * drive.signum() / (self.kinetic + slower);
             // Balance of forces at the end of the step.
             let resists = h + self.stiffness * h * bends + self.damping * bends + self.viscous;
@@ -286,7 +286,7 @@ impl Spring for Preisach {
             *is_up = force >= *up || (*is_up && force > *down);
             if *is_up { *weight } else { -*weight }
         });
-        // All relays up or all down is a displacement of ± the range.
+        // If all relays are up or all are down, the displacement is ± the range.
         (1.0 - self.share) * force + self.share * self.range * relays.sum::<f64>()
     }
 }

@@ -47,12 +47,12 @@ pub(crate) struct Session {
 
 /// Duration of the board's recording, s.
 const DURATION_S: f64 = 60.0;
-/// The reference records longer, before and after the board.
+/// Duration of the reference's recording before and after that of the board, s.
 const MARGIN_S: f64 = 2.0;
 const REFERENCE_STEP_S: f64 = 1e-3;
 
 impl Session {
-    /// Loads and optics rotate with the seed.
+    /// Draws a session; consecutive seeds have different loads and optics.
     pub(crate) fn draw(kind: Kind, seed: u64) -> Self {
         let mut random = Random(1000 * (kind as u64 + 1) + seed);
         let load = Load::ALL[(seed % 6) as usize];
@@ -70,7 +70,7 @@ impl Session {
 
 /// Noiseless readings at the rows of the reference.
 fn readings(kind: Kind, optics: Optics, wrench: &[[f64; 6]], random: &mut Random) -> Vec<[f64; 8]> {
-    // How much of each displacement each channel sees. Its columns have about unit length.
+    // Sensitivity of each channel (row) to each displacement. Columns have about unit length.
     let normal_row = |random: &mut Random| -> [f64; 6] {
         let row: [f64; 6] = std::array::from_fn(|_| random.normal());
         let length = row.iter().map(|x| x * x).sum::<f64>().sqrt();
@@ -117,7 +117,7 @@ fn rotation(random: &mut Random) -> [[f64; 6]; 6] {
     basis
 }
 
-/// 3 N and 0.05 N·m per unit, with white noise of 0.3 %.
+/// Returns the reference's recording: 3 N and 0.05 N·m per unit of load, with white noise of 0.3 %.
 fn reference(wrench: &[[f64; 6]], offset_s: f64, random: &mut Random) -> Recording {
     let time_s =
         (0..wrench.len()).map(|k| k as f64 * REFERENCE_STEP_S - MARGIN_S + offset_s).collect();
@@ -130,7 +130,7 @@ fn reference(wrench: &[[f64; 6]], offset_s: f64, random: &mut Random) -> Recordi
     Recording { time_s, columns }
 }
 
-/// Frames at 100 or 200 Hz of the board's clock, with white noise, a slow wander and rounding.
+/// Returns frames at 100 or 200 Hz (board's clock), with white noise, a slow drift and rounding.
 fn board(readings: &[[f64; 8]], skew: f64, random: &mut Random) -> Recording {
     let rate_hz = if random.percent(50) { 100.0 } else { 200.0 };
     let noise = 1.0 + 5.0 * random.unit();

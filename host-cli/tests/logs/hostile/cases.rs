@@ -1,4 +1,4 @@
-//! Regression tests: former failures, by the commands that showed them.
+//! Regression tests of former failures, with the commands that showed them.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -108,7 +108,7 @@ fn signals_leave_no_temporary_files() {
     for (signal, number) in [("-INT", 2), ("-TERM", 15), ("-HUP", 1)] {
         use std::os::unix::process::ExitStatusExt;
         let dir = tempfile::tempdir().unwrap();
-        // A script's background programs ignore signals; this one must not, however it starts.
+        // Background programs of a script ignore interrupts; this one must end even if it starts that way.
         let mut child = std::process::Command::new("env")
             .args(["--default-signal=INT,TERM,HUP", env!("CARGO_BIN_EXE_shellcal")])
             .args(["synth", "train", "--rows", "10000000", "-o", "big.csv"])
@@ -164,7 +164,7 @@ fn a_penalised_fit_is_the_same_in_any_order_of_rows() {
             let report = program::json(dir.path(), &command);
             (0..6).map(|axis| report["test"][axis]["rms"].as_f64().unwrap()).collect::<Vec<_>>()
         };
-        // Equal except for rounding, which depends on the blocks of rows.
+        // Results are equal except for rounding, which depends on the blocks of rows.
         for (a, b) in rms("train.csv").iter().zip(rms("sorted.csv")) {
             assert!((a - b).abs() < 1e-9 * b, "{solver}: {a} {b}");
         }
@@ -282,7 +282,7 @@ fn endless_and_enormous_files_are_refused_at_once() {
 #[test]
 fn degrees_of_freedom_without_end_have_quantiles() {
     let dir = folder();
-    // More groups than leave-one-group-out uses, so the interval is Student's.
+    // There are too many groups for leave-one-group-out, so the interval is Student's.
     says(&dir, "synth train --rows 11000 --seed 3 -o many.csv", 0);
     says(&dir, "fit --model linear many.csv -o many.json", 0);
     let text = read(&dir, "many.json");
@@ -302,7 +302,7 @@ fn partial_fits_that_were_changed_are_refused() {
     write(&dir, "changed.json", text.replacen("train.csv", "other.csv", 1));
     let said = says(&dir, "merge changed.json", 2);
     assert!(said.contains("its checksum does not match"), "{said}");
-    // Rewritten by another program, which may have changed anything.
+    // Another program has rewritten the file, and may have changed anything.
     let mut document: serde_json::Value = serde_json::from_str(&text).unwrap();
     write(&dir, "changed.json", document.to_string());
     let said = says(&dir, "merge changed.json", 2);
@@ -312,7 +312,7 @@ fn partial_fits_that_were_changed_are_refused() {
     write(&dir, "changed.json", document.to_string());
     let said = says(&dir, "merge partial.json changed.json", 2);
     assert!(said.contains("`sources` have 0 rows, `moments` are of 2600"), "{said}");
-    // Without a checksum, as earlier versions wrote them.
+    // Earlier versions wrote no checksum.
     let content = text.rsplit_once(",\n  \"checksum\"").unwrap().0.to_owned() + "\n}\n";
     write(&dir, "old.json", &content);
     let said = says(&dir, "merge old.json", 2);
@@ -448,7 +448,7 @@ fn standard_errors_by_group_that_were_asked_for_are_found_or_refused() {
     says(&dir, "fit --model cubic train.csv --covariance groups", 0);
 }
 
-/// Rows are not kept between the passes, and the file changes before the second.
+/// Rows are not kept in memory between two passes, and the file changes before the second pass.
 #[test]
 fn folds_may_be_of_any_number_of_groups() {
     let dir = tempfile::tempdir().unwrap();

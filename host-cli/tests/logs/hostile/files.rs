@@ -45,7 +45,7 @@ pub(super) fn make(dir: &Path) {
     fs::write(dir.join("loads.csv"), loads(&LABELS)).unwrap();
 }
 
-/// A table of loads with these labels: no load, and a tenth of a gram.
+/// Returns a table of loads with these labels: none for labels that begin with `zero`, else 0.1 g.
 pub(super) fn loads(labels: &[&str]) -> String {
     let header = "group,mass_g,x_mm,y_mm,z_mm,azimuth_deg,elevation_deg\n".to_owned();
     let line = |label: &&str| match label.starts_with("zero") {
@@ -55,7 +55,7 @@ pub(super) fn loads(labels: &[&str]) -> String {
     header + &labels.iter().map(line).collect::<String>()
 }
 
-/// Binary logs of other programs: nulls, lists and decimals in the first.
+/// Binary logs of other programs; the first has nulls, lists and decimals.
 const BINARY: [&str; 28] = [
     "table-file/tests/nested.parquet",
     "log-file/fuzz/seeds/parquet/delta.parquet",
@@ -97,7 +97,7 @@ pub(super) fn binary(random: &mut Random) -> Vec<u8> {
     bytes
 }
 
-/// A log with some axes of the wrench, others missing or misspelt; and these axes.
+/// Returns a log with some axes of the wrench, and these axes; the names of other axes are missing or misspelt.
 pub(super) fn of_some_axes(seeds: &Path, name: &str, random: &mut Random) -> (String, Axes) {
     let text = fs::read_to_string(seeds.join(name)).unwrap();
     let axes: Axes = Axis::ALL.into_iter().filter(|_| random.percent(70)).collect();
@@ -120,7 +120,7 @@ pub(super) fn of_some_axes(seeds: &Path, name: &str, random: &mut Random) -> (St
 
 pub(super) fn damaged(seeds: &Path, name: &str, random: &mut Random) -> Vec<u8> {
     let mut bytes = fs::read(seeds.join(name)).unwrap();
-    // Long files take long and test nothing more.
+    // Longer files take more time, but test nothing else.
     bytes.truncate(200_000);
     if random.percent(40) {
         return bytes;

@@ -1,6 +1,6 @@
-//! Failures that must not happen for any files, names, arguments and signals. [`cases`] are single
-//! regressions; [`random`] draws a few hundred commands over damaged files from seeds, or for an
-//! hour with `SHELLCAL_HOSTILE_SECONDS=3600`.
+//! Failures that must not happen with any files, names, arguments or signals. [`cases`] are single regressions;
+//! [`random`] draws a few hundred commands over damaged files from seeds, or for an hour with
+//! `SHELLCAL_HOSTILE_SECONDS=3600`.
 
 mod cases;
 #[cfg(target_os = "linux")]

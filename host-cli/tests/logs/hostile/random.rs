@@ -15,7 +15,7 @@ use super::run::{Blow, Trouble, run, unread};
 
 const AMONG_TESTS: u64 = 300;
 
-/// Capitals are files of that kind, `O.x` an output, `?` any number.
+/// A capital letter stands for a file of that kind, `O.x` for an output, `?` for any number.
 const COMMANDS: [&str; 63] = [
     "info T",
     "info R Z",
@@ -130,7 +130,7 @@ fn draw(seeds: &Path, dir: &Path, random: &mut Random) -> Vec<OsString> {
             _ => None,
         };
         if word == "G" {
-            // Undamaged: a log with a wrong time would be played for that time.
+            // This file is not damaged, because a log with a wrong duration would be played for that duration.
             let name = name(random, ".csv");
             fs::copy(seeds.join("train.csv"), dir.join(&name)).unwrap();
             inputs.push(name.clone());
@@ -175,7 +175,7 @@ fn blow(random: &mut Random) -> Option<Blow> {
     random.percent(10).then_some(Blow { name, number, after })
 }
 
-/// Draws a gate on logs and a calibration with some axes: 0 only if both have all required ones.
+/// Draws an `eval` with limits, of logs and a calibration with some axes: it passes only if all have the required axes.
 fn gate(seeds: &Path, dir: &Path, random: &mut Random) -> Result<(), String> {
     let (train, calibrated) = files::of_some_axes(seeds, "train.csv", random);
     let mut measured = Vec::new();
@@ -215,7 +215,7 @@ fn gate(seeds: &Path, dir: &Path, random: &mut Random) -> Result<(), String> {
     let passed = passes(dir, &line, is_left);
     let are_compared = calibrated.contain(asked) && measured.iter().all(|axes| axes.contain(asked));
     let is_within = limit == "1e9" || !asked.iter().any(is_limited);
-    // Without an axis to compare, the run ends before any gate.
+    // Without a common axis, the run ends before limits are tested.
     let says_nothing = measured.iter().fold(calibrated, |all, axes| all.and(*axes)).is_empty();
     let limits_nothing = (forces || moments) && !asked.iter().any(is_limited)
         || [false, true].into_iter().any(|moment| {
@@ -228,7 +228,7 @@ fn gate(seeds: &Path, dir: &Path, random: &mut Random) -> Result<(), String> {
     }
 }
 
-/// True for exit code 0; its reader may have closed the pipe.
+/// Returns true for exit code 0. If `reader_leaves`, the reader of the output has closed the pipe.
 fn passes(dir: &Path, line: &str, reader_leaves: bool) -> bool {
     let mut run = program::command(dir);
     run.args(line.split_whitespace());
@@ -238,11 +238,11 @@ fn passes(dir: &Path, line: &str, reader_leaves: bool) -> bool {
     run.output().unwrap().status.code() == Some(0)
 }
 
-/// Draws a table of loads that must not pass if some were not weighed.
+/// Draws a table of loads; the check must not pass if some loads were not recorded.
 fn weighing(seeds: &Path, dir: &Path, random: &mut Random) -> Result<(), String> {
     fs::copy(seeds.join("cal.json"), dir.join("cal.json")).unwrap();
     let text = fs::read_to_string(seeds.join("weights.csv")).unwrap();
-    // Some loads have no rows, others wrong ones.
+    // Some loads have no rows, others have wrong rows.
     let [gone, bad] = [10, 10].map(|percent| files::LABELS.map(|_| random.percent(percent)));
     let mut log = String::new();
     for (at, line) in text.lines().enumerate() {

@@ -14,7 +14,7 @@ use shell_data::escape;
 /// Processor time of a command, s; wall-clock time would depend on other load.
 const PROCESSOR_S: u64 = 60;
 
-/// Time without processor time that counts as hanging.
+/// Time after which a program that has not ended is considered to hang.
 const PATIENCE: Duration = Duration::from_secs(600);
 
 /// Memory limit (data and stacks), KiB, for any command on files of up to 1 MB.
@@ -30,12 +30,12 @@ pub(super) struct Blow {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Trouble {
     pub(super) blow: Option<Blow>,
-    /// In blocks of 512 bytes, as on a full disk.
+    /// Largest size of a file in blocks of 512 bytes, to simulate a full disk.
     pub(super) disk: Option<u64>,
     pub(super) reader_leaves: bool,
 }
 
-/// Runs the program, or describes the violation.
+/// Runs the program; the error describes the violated rule.
 pub(super) fn run(dir: &Path, arguments: &[OsString], trouble: Trouble) -> Result<(), String> {
     let (before, blow) = (contents(dir), trouble.blow);
     let disk = trouble.disk.map_or(String::new(), |of| format!("trap '' XFSZ; ulimit -f {of}; "));
@@ -125,13 +125,13 @@ fn contents(dir: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     files
 }
 
-/// Checks that existing files are unchanged and new ones complete; a growing file needs whole rows.
+/// Checks that existing files are unchanged and new files are complete. A growing file must end with a whole row.
 fn check(
     before: &BTreeMap<PathBuf, Vec<u8>>,
     after: &BTreeMap<PathBuf, Vec<u8>>,
     [succeeded, grows]: [bool; 2],
 ) -> Result<(), String> {
-    // The generator of commands puts outputs there; everything else is input.
+    // Random commands have their outputs in `out`; all other files are inputs.
     let is_output = |path: &Path| path.components().any(|part| part.as_os_str() == "out");
     if let Some((path, _)) =
         before.iter().find(|(path, bytes)| !is_output(path) && after.get(*path) != Some(*bytes))
@@ -156,13 +156,13 @@ fn check(
     Ok(())
 }
 
-/// Checks that a successful output is complete, and that its numbers are numbers.
+/// Checks that an output of a successful run is complete, and that its numbers are finite.
 fn is_believable(name: &str, bytes: &[u8]) -> Result<(), String> {
     let text = String::from_utf8_lossy(bytes);
     let name_ends_csv = name.ends_with(".csv");
     let is_text = [".csv", ".json", ".txt"].iter().any(|extension| name.ends_with(extension));
     let not_a_number = |word: &str| matches!(word, "NaN" | "nan" | "inf" | "-inf" | "Infinity");
-    // Names copied from an input may be such words.
+    // Names that are copied from an input may be words such as `NaN`.
     let header: Vec<&str> = text.lines().next().unwrap_or_default().split(',').collect();
     let is_name = |position: usize| {
         let name = header.get(position).copied().unwrap_or_default();

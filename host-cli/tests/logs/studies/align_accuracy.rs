@@ -25,7 +25,7 @@ fn a_minute_with_taps_gives_the_offset_to_200_us_and_the_skew_to_3_ppm() {
             let (reference, board) = recordings(truth);
             let aligned = align(reference, board, Options::default()).unwrap();
             let (_, skew_error) = errors(&aligned.clock, &truth);
-            // Over the whole session, not only where the offset is known best.
+            // The error is the largest of the whole session, not only at the time at which the offset is known best.
             let offset_error_s = worst_offset_error(&aligned, &truth);
             assert!(offset_error_s < 200e-6, "seed {seed}, {board_rate_hz} Hz: {offset_error_s} s");
             assert!(skew_error.abs() < 3e-6, "seed {seed}, {board_rate_hz} Hz: {skew_error}");
@@ -45,9 +45,9 @@ fn errors_on_the_sensor_model_are_of_the_size_that_is_stated() {
         squares[0] += (offset / clock.offset_se_s).powi(2);
         squares[1] += (skew / clock.skew_se).powi(2);
     }
-    // χ² of 16: between 5 and 36 with 99.5 % each. The model's errors are not normal, hence the
-    // margin of √2. The stated error of the offset is for unknown memory; here the model has the
-    // right kinds, and the error may be seven times smaller.
+    // χ² with 16 degrees of freedom is above 5 and below 36 with 99.5 % probability each. Errors on the model are not
+    // normal, hence a margin of √2 for errors. The stated offset error is for unknown memory; here the model has the
+    // right kind, and the error may be seven times smaller.
     for (what, sum, lowest) in [("offset", squares[0], 16.0 / 49.0), ("skew", squares[1], 2.5)] {
         assert!((lowest..72.0).contains(&sum), "{what}: {sum}");
     }
@@ -70,17 +70,17 @@ fn stated_errors_have_unit_variance_where_the_model_holds() {
         }
     }
     for i in 0..2 {
-        // χ² of 40: 16.9 to 76.1 holds 99.9 % of it. Standard errors from residuals of 12 s scatter
-        // by some 10 % themselves, which adds a few percent.
+        // χ² with 40 degrees of freedom is within 16.9 to 76.1 with 99.9 % probability. Standard errors from residuals
+        // of 12 s scatter by some 10 % themselves, which adds a few percent.
         assert!((16.9..80.0).contains(&squares[i]), "{i}: {}", squares[i]);
-        // The sum of 40 has standard deviation √40: four of them.
+        // A sum of 40 has the standard deviation √40; the limit is four of these.
         assert!(sums[i].abs() < 25.3, "{i}: {}", sums[i]);
     }
 }
 
 #[test]
 fn a_long_session_is_aligned_from_a_block_outward() {
-    // 200 ppm are 80 ms over 400 s, a whole tap: too much for one search.
+    // A skew of 200 ppm is 80 ms over 400 s, the length of a tap: too much for one search.
     let truth = PairSettings {
         duration_s: 400.0,
         skew: -200e-6,
@@ -95,8 +95,8 @@ fn a_long_session_is_aligned_from_a_block_outward() {
     assert!(skew_error.abs() < 0.5e-6, "{:?}", aligned.clock);
 }
 
-/// The bound for a known response: slopes of the noiseless readings by a central difference, noise
-/// from noisy minus noiseless readings.
+/// Returns the bound for a known response. Slopes are central differences of noiseless readings, the noise is noisy
+/// minus noiseless readings.
 fn bound(truth: PairSettings) -> (f64, f64) {
     const SHIFT_S: f64 = 1e-3;
     let readings = |offset_s: f64, noise_scale: f64| {
@@ -110,7 +110,7 @@ fn bound(truth: PairSettings) -> (f64, f64) {
     for channel in 0..8 {
         let rows = clean.time_s.len() as f64;
         let noise = clean.columns[channel].iter().zip(&noisy.columns[channel]);
-        // Ambient light shifts a recording: the variance is about the mean.
+        // Ambient light shifts a whole recording, so the variance is taken about the mean.
         let difference: Vec<f64> = noise.map(|(a, b)| b - a).collect();
         let mean = difference.iter().sum::<f64>() / rows;
         let variance =
@@ -153,8 +153,8 @@ fn errors_are_within_a_small_factor_of_the_bound() {
         1e6 * rms(errors_squared[1]),
         1e6 * rms(bounds_squared[1])
     );
-    // The bound takes the response of springs and optics as known; here some 600 numbers are
-    // estimated beside the two. No unbiased estimate is below it.
+    // The bound, below which no unbiased estimate is, assumes a known response of springs and optics. Here, some 600
+    // numbers are estimated in addition to offset and skew.
     assert!(ratio(0) < 6.0, "{}", ratio(0));
     assert!(ratio(1) < 4.0, "{}", ratio(1));
 }

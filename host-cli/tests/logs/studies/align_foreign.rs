@@ -53,20 +53,20 @@ fn line(name: &str, outcomes: &[&Outcome]) {
 
 fn check(outcomes: &[Outcome], beyond: usize) {
     let all: Vec<&Outcome> = outcomes.iter().collect();
-    // The requirement for sensors with memory, 0.2 ms, except for friction that depends on the
-    // speed, which looks like another offset, and loads that jump between two frames.
+    // Sensors with memory must meet 0.2 ms. Exceptions are friction that depends on the speed, which looks like another
+    // offset, and loads that jump between two frames.
     let is_clear = |o: &&&Outcome| o.kind != Kind::LuGre && o.load != Load::Steps;
     assert!(median(all.iter().filter(is_clear).map(|o| o.error_s.abs())) <= 200e-6);
     assert!(within_three(&all) + beyond >= all.len(), "{} of {}", within_three(&all), all.len());
-    // Without large standard errors: the mean square of error over standard error is 1 if they are
-    // right, and they are at most four times too large.
+    // Standard errors must not be needlessly large. The mean square of error over standard error is 1 if they are
+    // right; they may be four times too large.
     let squares: f64 = all.iter().map(|o| (o.error_s / o.stated_s).powi(2)).sum();
     assert!(squares / all.len() as f64 > 1.0 / 16.0, "{squares}");
 }
 
 #[test]
 fn sessions_of_nine_unknown_sensors_err_as_stated() {
-    // All of 27: 98 % of many, in minutes, are below.
+    // All of these 27 errors are within three standard errors; in the longer study, 98 % are.
     check(&outcomes(200..203), 0);
 }
 

@@ -140,7 +140,7 @@ fn quotes_around_whole_fields_say_nothing() {
     let plain = "1,a,x,2\r\n\n3,b,,4.5\n-0.25,b,y,17";
     for quoted in [
         "\"1\",\"a\",\"x\",\"2\"\r\n\"\"\n3,\"b\",\"\",\"4.5\"\n\"-0.25\",b,y,\"17\"",
-        // If one pair of quotes is needed, all lines are read one by one.
+        // One pair of quotes encloses a separator, so all lines are parsed one by one.
         "1,a,\"x\",2\r\n\n3,\"b\",,4.5\n-0.25,b,\"y\",17\n\"# a \"\"remark\"\"\",\"a,b\"",
     ] {
         for (name, instructions) in available() {
