@@ -1,5 +1,7 @@
 //! Checks of a log.
 
+use std::borrow::Cow;
+
 use calibration::Calibration;
 use calibration::memory::MemoryState;
 use calibration::quality::{self, AxisErrors};
@@ -15,7 +17,7 @@ use crate::channels::{
     without_consequences,
 };
 use crate::poses::{LabelledRows, PoseJump};
-use crate::rows::KeptRows;
+use crate::rows::{KeptRows, are_still};
 use crate::{Finding, percent};
 use calibration_file::CalibrationFile;
 use log_file::summary::LogSummary;
@@ -71,7 +73,7 @@ struct LogObservations<'a> {
     /// Sums of squares of the forces and of the moments.
     squares: [f64; 2],
     labelled: LabelledRows,
-    rows: KeptRows,
+    rows: KeptRows<'static>,
     identical: Option<Vec<(usize, usize)>>,
     rows_outside: u64,
     memory: Option<MemoryState>,
@@ -117,7 +119,12 @@ impl<'a> LogObservations<'a> {
     fn add(&mut self, block: &Block) {
         self.summary.add(block);
         self.labelled.add(block);
-        self.rows.add(block);
+        self.rows.add(Cow::Owned(Block {
+            rows: block.rows,
+            readings: block.readings.clone(),
+            wrench: block.wrench.clone(),
+            ..Block::default()
+        }));
         if let [missing] = &block.others[..] {
             *self.missing.get_or_insert(0.0) += missing.iter().sum::<f64>();
         }
@@ -177,9 +184,10 @@ impl<'a> LogObservations<'a> {
         let calibration = self.calibration.map(|file| &file.calibration);
         let of_its_size = calibration.filter(|of| of.channels() == summary.readings.len());
         let identical = self.identical.as_deref().unwrap_or_default();
-        let still = self.rows.are_still();
+        let readings = self.rows.readings();
+        let still = are_still(&readings);
         check_channels((summary, still), names, identical, of_its_size, &mut findings);
-        self.rows.check((summary, names), log.axes(), &mut findings);
+        self.rows.check((summary, names), (&readings, log.axes()), &mut findings);
         for PoseJump { pose, rows_before, channel, means: [before, after] } in self.labelled.jumps()
         {
             let name = channel_name(names, channel);

@@ -1,6 +1,7 @@
 //! Checks of the rows of a log: columns that stand still or are cut off, and rows that are there twice. The same rules
 //! hold for readings and for loads.
 
+use std::borrow::Cow;
 use std::collections::{HashMap, HashSet};
 use std::ops::Range;
 
@@ -70,30 +71,31 @@ fn check_log(log: &LogRows, names: &[String]) -> Vec<Finding> {
         return Vec::new();
     }
     let mut rows = KeptRows::default();
-    log.blocks.iter().for_each(|block| rows.add(&block.rows));
+    log.blocks.iter().for_each(|block| rows.add(Cow::Borrowed(&block.rows)));
     let (mut summary, mut identical) = (LogSummary::default(), None);
     for (_, block) in &rows.blocks {
         summary.add(block);
         identical = Some(identical_in(block.channels(), identical));
     }
     let mut findings = Vec::new();
-    let (of_log, identical) = ((&summary, rows.are_still()), identical.unwrap_or_default());
+    let (readings, identical) = (rows.readings(), identical.unwrap_or_default());
+    let of_log = (&summary, are_still(&readings));
     check_channels(of_log, names, &identical, None, &mut findings);
-    rows.check((&summary, names), log.axes, &mut findings);
+    rows.check((&summary, names), (&readings, log.axes), &mut findings);
     findings
 }
 
 /// Rows of a log, or of every second, fourth, … block of a long one.
 #[derive(Debug)]
-pub(crate) struct KeptRows {
+pub(crate) struct KeptRows<'a> {
     /// Blocks, each with the number of rows before it.
-    blocks: Vec<(usize, Block)>,
+    blocks: Vec<(usize, Cow<'a, Block>)>,
     every: usize,
     blocks_seen: usize,
     rows_seen: usize,
 }
 
-impl Default for KeptRows {
+impl Default for KeptRows<'_> {
     fn default() -> Self {
         Self { blocks: Vec::new(), every: 1, blocks_seen: 0, rows_seen: 0 }
     }
@@ -102,23 +104,18 @@ impl Default for KeptRows {
 /// A column: name in messages, values of all kept rows, and the axis if it is a load.
 struct Column<'a> {
     name: String,
-    values: Vec<f64>,
+    values: Cow<'a, [f64]>,
     summary: &'a ColumnSummary,
     load: Option<Axis>,
 }
 
-impl KeptRows {
-    pub(crate) fn add(&mut self, block: &Block) {
+impl<'a> KeptRows<'a> {
+    pub(crate) fn add(&mut self, block: Cow<'a, Block>) {
+        let rows = block.rows;
         if self.blocks_seen.is_multiple_of(self.every) {
-            let rows = Block {
-                rows: block.rows,
-                readings: block.channels().to_vec(),
-                wrench: block.wrench.clone(),
-                ..Block::default()
-            };
-            self.blocks.push((self.rows_seen, rows));
+            self.blocks.push((self.rows_seen, block));
         }
-        (self.blocks_seen, self.rows_seen) = (self.blocks_seen + 1, self.rows_seen + block.rows);
+        (self.blocks_seen, self.rows_seen) = (self.blocks_seen + 1, self.rows_seen + rows);
         if self.count() > MOST_ROWS && self.blocks.len() > 1 {
             let mut at = 0;
             self.blocks.retain(|_| {
@@ -134,20 +131,14 @@ impl KeptRows {
     }
 
     fn column(&self, of: impl Fn(&Block) -> Option<&Vec<f64>>) -> Vec<f64> {
-        self.blocks.iter().filter_map(|(_, block)| of(block)).flatten().copied().collect()
+        let parts: Vec<&[f64]> =
+            self.blocks.iter().filter_map(|(_, block)| of(block)).map(Vec::as_slice).collect();
+        parts.concat()
     }
 
-    fn readings(&self) -> Vec<Vec<f64>> {
-        let channels = self.blocks.first().map_or(0, |(_, block)| block.readings.len());
-        (0..channels).map(|channel| self.column(|block| block.readings.get(channel))).collect()
-    }
-
-    /// Returns true if channels only flicker: the sensor is held still.
-    pub(crate) fn are_still(&self) -> bool {
-        let mut readings = self.readings();
-        readings.retain(|column| range(column) > 0.0);
-        let is_alive = |column: &&Vec<f64>| moves_at_all(column) || share_of_changes(column) > 0.5;
-        readings.len() >= 2 && readings.iter().filter(is_alive).count() < 2
+    pub(crate) fn readings(&self) -> Vec<Vec<f64>> {
+        let channels = self.blocks.first().map_or(0, |(_, block)| block.channels().len());
+        (0..channels).map(|channel| self.column(|block| block.channels().get(channel))).collect()
     }
 
     /// Number of a kept row in the log, from 1.
@@ -165,14 +156,13 @@ impl KeptRows {
     pub(crate) fn check(
         &self,
         (summary, names): (&LogSummary, &[String]),
-        axes: Axes,
+        (readings, axes): (&[Vec<f64>], Axes),
         findings: &mut Vec<Finding>,
     ) {
-        let readings = self.readings();
         for (channel, values) in readings.iter().enumerate() {
             let (name, summary) = (channel_name(names, channel), &summary.readings[channel]);
-            let column = Column { name, values: values.clone(), summary, load: None };
-            findings.extend(self.check_column(&column, &readings, &[]));
+            let column = Column { name, values: Cow::Borrowed(values), summary, load: None };
+            findings.extend(self.check_column(&column, readings, &[]));
         }
         if summary.wrench.is_empty() {
             return;
@@ -181,12 +171,12 @@ impl KeptRows {
             .iter()
             .map(|axis| Column {
                 name: axis.name().to_owned(),
-                values: self.column(|block| block.wrench.get(axis.index())),
+                values: Cow::Owned(self.column(|block| block.wrench.get(axis.index()))),
                 summary: &summary.wrench[axis.index()],
                 load: Some(axis),
             })
             .collect();
-        let of_loads = loads.iter().filter_map(|load| self.check_column(load, &readings, &loads));
+        let of_loads = loads.iter().filter_map(|load| self.check_column(load, readings, &loads));
         let mut of_loads: Vec<Finding> = of_loads.collect();
         // A reference that stands still on all axes is reported once.
         of_loads.dedup();
@@ -289,7 +279,7 @@ impl KeptRows {
         for (_, block) in &self.blocks {
             let start = all.len();
             all.resize(start + block.rows, 0_u64);
-            for column in block.readings.iter().chain(&block.wrench) {
+            for column in block.channels().iter().chain(&block.wrench) {
                 for (hash, value) in all[start..].iter_mut().zip(column) {
                     *hash = (hash.rotate_left(26) ^ value.to_bits()).wrapping_mul(MULTIPLIER);
                 }
@@ -313,6 +303,13 @@ fn is_measured(values: &[f64], is_left_out: impl Fn(f64) -> bool) -> bool {
             distinct.insert(value.to_bits());
             distinct.len() > enough
         })
+}
+
+/// Returns true if channels only flicker: the sensor is held still.
+pub(crate) fn are_still(readings: &[Vec<f64>]) -> bool {
+    let varying: Vec<&Vec<f64>> = readings.iter().filter(|column| range(column) > 0.0).collect();
+    let is_alive = |column: &&&Vec<f64>| moves_at_all(column) || share_of_changes(column) > 0.5;
+    varying.len() >= 2 && varying.iter().filter(is_alive).count() < 2
 }
 
 fn range(values: &[f64]) -> f64 {

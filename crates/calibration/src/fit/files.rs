@@ -296,7 +296,10 @@ impl Parts {
         };
         let parts = (0..errors.len()).filter(|part| !left_out.contains(part));
         let worst = parts.map(|part| (part, ratio(part))).max_by(|a, b| a.1.total_cmp(&b.1));
-        worst.filter(|(_, ratio)| *ratio > SUSPICIOUS).map(|(part, _)| part)
+        // A part that pulls a fit as much as each of the others errs as many times as much as there are others.
+        let others = (errors.len() - left_out.len() - 1) as f64;
+        let suspicious = SUSPICIOUS.max(others / 2.0);
+        worst.filter(|(_, ratio)| *ratio > suspicious).map(|(part, _)| part)
     }
 }
 
