@@ -255,7 +255,8 @@ pub(crate) fn recognise_layout(
             None => clock.first().is_some_and(is_number),
         }
     };
-    let date = add_parts(source, &header, rows, order, (&mut columns, &mut roles));
+    let is_named = mapping.time.is_some();
+    let date = add_parts(source, &header, rows, (order, is_named), (&mut columns, &mut roles));
     let said_rate = header.keys.rate_hz.filter(|_| header.format == LogFormat::Csv);
     if said_rate.is_some()
         && roles.time_parts.is_empty()
@@ -424,13 +425,14 @@ fn check_marks(
     Ok(())
 }
 
-/// Finds the columns that are added to the time, and gives them their meaning. Returns the notation of dates among
+/// Finds the columns that are added to the time, and gives them their meaning; no date if the user has named the column
+/// of the time (`is_named`). Returns the notation of dates among
 /// them.
 fn add_parts(
     source: &LogSource,
     header: &Header,
     rows: &[u8],
-    order: Option<DateOrder>,
+    (order, is_named): (Option<DateOrder>, bool),
     (columns, roles): (&mut [Column], &mut ColumnRoles),
 ) -> Option<DateColumn> {
     let at = roles.time.filter(|_| header.format == LogFormat::Csv)?;
@@ -451,7 +453,9 @@ fn add_parts(
     let kind = source.as_whole_table().map(|table| table.kind);
     let is_sheet = matches!(kind, Some(FileKind::Xlsx | FileKind::Ods));
     let mut date = None;
-    if let Some(column) = date_part(rows, separator, at, columns, is_sheet) {
+    // A column that the user names is the whole time: the file may hold the date of something else.
+    let found = (!is_named).then(|| date_part(rows, separator, at, columns, is_sheet)).flatten();
+    if let Some(column) = found {
         date = ClockFields::new(rows, separator, column).dates(order);
         let of_dates = |dates: &DateColumn| PartValues::Dates(dates.order);
         let values = date.as_ref().map_or(PartValues::Numbers(Scale::ONE), of_dates);
