@@ -128,7 +128,8 @@ impl MemoryState {
         let (mut kinds, mut last_step) = (Vec::with_capacity(rows), f64::NAN);
         let mut shares = vec![Vec::with_capacity(rows); constants.len()];
         for row in 0..rows {
-            let time = if by_time { times_s[row] } else { self.rows as f64 };
+            let time = times_s.get(row).copied().filter(|_| by_time);
+            let time = time.unwrap_or(self.rows as f64);
             self.rows += 1;
             let step = time - self.before;
             let kind = match self.memory.gap {

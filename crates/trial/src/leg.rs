@@ -45,7 +45,7 @@ pub(super) struct Strides {
 
 impl Strides {
     /// Finds the whole turns of `angle` in a window, from phase 0 to phase 0, in the overall direction. A turn ends
-    /// when the leg first reaches its end. Motion that makes up for a backward motion does not count again, so noise, a
+    /// when the leg first reaches its end. Motion over ground lost to a backward motion does not count again, so noise, a
     /// stall or a reversal creates no strides.
     pub(super) fn new(times: &[f64], angle: &[f64], from_s: f64, to_s: f64) -> Self {
         let Some(rows) = rows_around(times, from_s, to_s) else { return Self::default() };

@@ -153,7 +153,7 @@ fn chunk(
     let records = unpack(codec, packed, size)
         .map_err(|what| KIND.damaged(format!("the chunk at byte {at}: {what}")))?;
     match checksum {
-        // 0 means that there is no checksum.
+        // 0 stands for no checksum.
         0 => Ok(records),
         _ if crc32fast::hash(&records) == checksum => Ok(records),
         _ => Err(KIND.damaged(format!("the chunk at byte {at}: its checksum is another"))),
