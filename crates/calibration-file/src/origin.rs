@@ -87,6 +87,13 @@ pub struct SourceFile {
     pub rows: u64,
 }
 
+impl SourceFile {
+    /// Returns true if the calibration was fitted to this file, and it has this checksum.
+    pub fn is_training_log(&self, checksum: Option<&str>) -> bool {
+        self.role == Role::Train && checksum.is_some() && self.checksum.as_deref() == checksum
+    }
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Role {

@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use serde_json::Value;
 use shell_data::escape;
 
 use crate::format::{
@@ -172,19 +171,6 @@ impl Table {
             }
         }
         Ok(text)
-    }
-}
-
-/// Appends the members of a JSON object with joined names: `units.fx`.
-pub(crate) fn attributes_of(name: &str, value: &Value, pairs: &mut Vec<(String, String)>) {
-    match value {
-        Value::Object(members) => members.iter().for_each(|(key, value)| {
-            let name = if name.is_empty() { key.clone() } else { format!("{name}.{key}") };
-            attributes_of(&name, value, pairs);
-        }),
-        Value::String(text) => pairs.push((name.to_owned(), text.clone())),
-        Value::Number(number) => pairs.push((name.to_owned(), number.to_string())),
-        _ => {}
     }
 }
 

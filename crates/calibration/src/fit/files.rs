@@ -6,8 +6,8 @@
 
 use std::collections::BTreeSet;
 
+use super::cure_search::cure_of_test;
 use super::evaluation::{Evaluation, evaluate};
-use super::examination::cure_of_test;
 use super::{CovarianceRule, Fit, FitMethod, FitOptions, OutlierRule};
 use crate::conversion::{Calibration, Kind};
 use least_squares::error::FitError;

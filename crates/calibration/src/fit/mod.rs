@@ -28,6 +28,7 @@
 
 mod choice;
 mod contradictions;
+mod cure_search;
 mod cures;
 mod evaluation;
 mod examination;

@@ -3,9 +3,7 @@
 
 use super::clock::ClockFields;
 use super::column_name::plain;
-use super::columns::Column;
 use super::lines::{fields, lines};
-use super::meaning::Meaning;
 use crate::parse::date::{DateOrder, is_date, is_time_of_day, parse_date};
 use crate::parse::number::parse_field;
 use shell_data::unit::Scale;
@@ -122,13 +120,13 @@ pub(super) fn is_fraction(rows: &[u8], separator: u8, seconds: usize, part: Cloc
     !times.is_empty() && times.windows(2).all(|pair| pair[0] <= pair[1])
 }
 
-/// Finds the column of dates if `clock` has times of day, or of times of day if it has dates. In a workbook
-/// (`is_sheet`), times of day are numbers.
+/// Finds the column of dates if `clock` has times of day, or of times of day if it has dates, among the columns that are
+/// `free`. In a workbook (`is_sheet`), times of day are numbers.
 pub(super) fn date_part(
     rows: &[u8],
     separator: u8,
     clock: usize,
-    columns: &[Column],
+    free: &[usize],
     is_sheet: bool,
 ) -> Option<usize> {
     let of_day = |field: &[u8]| {
@@ -149,8 +147,7 @@ pub(super) fn date_part(
         () if all(clock, &day) => &of_day,
         () => return None,
     };
-    let is_free = |at: &usize| columns[*at].meaning == Meaning::Other;
-    let found = (0..columns.len()).filter(is_free).filter(|&at| all(at, wanted));
+    let found = free.iter().copied().filter(|&at| all(at, wanted));
     found.min_by_key(|at| at.abs_diff(clock))
 }
 

@@ -7,7 +7,7 @@
 use super::keys::Keys;
 use super::lines::{LayoutLine, all_lines, fields, texts};
 use super::mapping::{LogFormat, Mapping};
-use super::meaning::{Meaning, StatedUnit, meaning_of};
+use super::meaning::{Meaning, StatedUnit, are_units, known_names, meaning_of};
 use crate::error::FieldProblem;
 use crate::parse::date::is_date;
 use crate::parse::form::{
@@ -15,7 +15,6 @@ use crate::parse::form::{
 };
 use crate::parse::marks::is_marked_number;
 use crate::parse::number::parse_field;
-use shell_data::unit::Unit;
 
 #[derive(Debug, Default)]
 pub(crate) struct Head {
@@ -273,7 +272,7 @@ fn of_fields(
                 names.insert(0, String::new());
             }
             let is_beside = is_sheet && names.len() < columns;
-            let is_table = is_beside && named > 1 && (roles(&names) > 0 || are_units(&names));
+            let is_table = is_beside && named > 1 && (known_names(&names) > 0 || are_units(&names));
             // The last columns of a sheet may be empty at first.
             let is_above = is_sheet && names.len() > columns && named == names.len();
             let is_whole = is_above || names.len() == columns && 2 * named >= columns;
@@ -298,7 +297,7 @@ fn of_fields(
         (_, []) => None,
         (Some(_), [.., last]) => Some(last),
         (None, [first, second, ..]) if are_units(&first.1) => Some(second),
-        (None, all) => all.iter().rev().max_by_key(|(_, names)| roles(names)),
+        (None, all) => all.iter().rev().max_by_key(|(_, names)| known_names(names)),
     };
     let number = |at: usize| lines[at].number;
     let units = names.and_then(|(names, _)| {
@@ -387,26 +386,6 @@ fn first_row(shapes: &[Shape], is_row: impl Fn(usize) -> bool) -> Option<usize> 
         let begins = usual.first() != Some(&0) || shape.numbers[0];
         shape.key() == key && begins && 5 * usual.iter().filter(fits).count() >= 3 * usual.len()
     })
-}
-
-/// Counts the columns that have a meaning.
-pub(crate) fn roles(names: &[String]) -> usize {
-    names.iter().filter(|name| meaning_of(name, LogFormat::Csv).0 != Meaning::Other).count()
-}
-
-/// Units of readings and other columns of a log.
-const OTHER_UNITS: [&str; 22] = [
-    "v", "mv", "uv", "µv", "mv/v", "v/v", "a", "ma", "count", "counts", "raw", "lsb", "bits",
-    "hex", "hz", "%", "-", "c", "°c", "pa", "bar", "ut",
-];
-
-pub(crate) fn are_units(names: &[String]) -> bool {
-    let is_unit = |name: &&String| {
-        let bare = name.trim_matches(['(', ')', '[', ']']);
-        Unit::is_spelled(bare) || OTHER_UNITS.contains(&bare.to_lowercase().as_str())
-    };
-    let named = names.iter().filter(|name| !name.is_empty());
-    5 * named.clone().filter(is_unit).count() >= 3 * named.count()
 }
 
 /// Returns a line without its comment mark; `None` if it has none.

@@ -12,7 +12,7 @@ use super::head::{self, Head, line_separator, numbered};
 use super::keys::Keys;
 use super::lines::{LayoutLine, all_lines, fields, lines, texts};
 use super::mapping::{LogFormat, Mapping, TimeUnit};
-use super::meaning::{Meaning, StatedUnit};
+use super::meaning::{Meaning, StatedUnit, known_names};
 use super::stated_units::{apply_keys, are_counts, unit_columns};
 use crate::error::{FieldProblem, LogError, PlacedProblem};
 use crate::line::line_ends;
@@ -454,7 +454,9 @@ fn add_parts(
     let is_sheet = matches!(kind, Some(FileKind::Xlsx | FileKind::Ods));
     let mut date = None;
     // A column that the user names is the whole time: the file may hold the date of something else.
-    let found = (!is_named).then(|| date_part(rows, separator, at, columns, is_sheet)).flatten();
+    let free: Vec<usize> =
+        (0..columns.len()).filter(|at| columns[*at].meaning == Meaning::Other).collect();
+    let found = (!is_named).then(|| date_part(rows, separator, at, &free, is_sheet)).flatten();
     if let Some(column) = found {
         date = ClockFields::new(rows, separator, column).dates(order);
         let of_dates = |dates: &DateColumn| PartValues::Dates(dates.order);
@@ -706,7 +708,7 @@ fn usual_head(
         || first.text.starts_with(b"%")
         || first.text.starts_with(b"LabVIEW Measurement")
         || fields(&second).len() != names.len()
-        || head::roles(&texts(&names)) == 0
+        || known_names(&texts(&names)) == 0
         || names.iter().any(|name| head::is_numeric(name))
         || head::with_groups(&texts(&names), &texts(&fields(&second))).is_some()
     {
@@ -741,7 +743,7 @@ fn names_alone(
     let is_text = !names.iter().any(|name| head::is_numeric(name));
     // Columns that the user refers to by number need no names.
     let is_said = mapping.names_columns();
-    let is_known = is_said || head::roles(&texts(&names)) > 0 || mapping.format.is_some();
+    let is_known = is_said || known_names(&texts(&names)) > 0 || mapping.format.is_some();
     let next =
         LayoutLine { text: b"", start: first.next, next: first.next, number: first.number + 1 };
     let second = second.unwrap_or(next);

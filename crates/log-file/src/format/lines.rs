@@ -1,7 +1,6 @@
 //! The lines of a text, and the fields of a line.
 
-use crate::line::without_returns;
-use crate::parse::rows::{is_comment, quoted_fields};
+use crate::line::{is_comment, quoted_fields, without_returns};
 use memchr::memchr;
 
 #[derive(Clone, Copy)]

@@ -252,3 +252,24 @@ pub(super) fn split_unit(name: &str) -> (String, String) {
 pub(super) fn without_unit(name: &str) -> String {
     plain(name.split(['(', '[']).next().unwrap_or(name))
 }
+
+/// Counts the names that have a meaning.
+pub(crate) fn known_names(names: &[String]) -> usize {
+    names.iter().filter(|name| meaning_of(name, LogFormat::Csv).0 != Meaning::Other).count()
+}
+
+/// Units of readings and other columns of a log.
+const OTHER_UNITS: [&str; 22] = [
+    "v", "mv", "uv", "µv", "mv/v", "v/v", "a", "ma", "count", "counts", "raw", "lsb", "bits",
+    "hex", "hz", "%", "-", "c", "°c", "pa", "bar", "ut",
+];
+
+/// Returns true if most of the fields that are not empty are units.
+pub(crate) fn are_units(names: &[String]) -> bool {
+    let is_unit = |name: &&String| {
+        let bare = name.trim_matches(['(', ')', '[', ']']);
+        Unit::is_spelled(bare) || OTHER_UNITS.contains(&bare.to_lowercase().as_str())
+    };
+    let named = names.iter().filter(|name| !name.is_empty());
+    5 * named.clone().filter(is_unit).count() >= 3 * named.count()
+}

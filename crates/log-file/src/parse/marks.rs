@@ -333,7 +333,7 @@ mod tests {
     fn numbers(text: &str, separator: u8) -> (NumberMarks, Vec<String>) {
         let rows = || {
             let of_line = |line: &str| {
-                let fields = crate::parse::rows::quoted_fields(line.as_bytes(), separator);
+                let fields = crate::line::quoted_fields(line.as_bytes(), separator);
                 fields.iter().map(<[u8]>::to_vec).collect::<Vec<_>>()
             };
             text.lines().map(of_line)

@@ -21,8 +21,8 @@ use super::neon::Neon;
 use super::number::{finite, parse_digits, parse_field, parse_long, signed};
 use super::parsed_rows::{ParsedRows, RowError};
 use crate::error::{FieldProblem, RowProblem};
-use crate::format::head::{are_units, roles};
-use crate::line::{line_ends, without_returns};
+use crate::format::meaning::{are_units, known_names};
+use crate::line::{is_comment, line_ends, quoted_fields, without_returns};
 use shell_data::wrench::Axis;
 
 /// The column that shows that a log contains samples of a reference beside those of the board.
@@ -83,7 +83,7 @@ impl HeadLines {
         let fields: Vec<String> =
             fields.filter(|field| !field.is_empty()).map(str::to_owned).collect();
         let is_text = fields.iter().all(|field| field.parse::<f64>().is_err());
-        let are_names = 2 * roles(&fields) >= fields.len().min(4);
+        let are_names = 2 * known_names(&fields) >= fields.len().min(4);
         let are_other_units = !self.units.is_empty() && are_units(&fields);
         match is_text && fields.len() > 1 && (are_names || are_other_units) {
             true => OtherLine::OtherHead,
@@ -377,18 +377,6 @@ impl RowPlan {
     }
 }
 
-/// Splits a line with quotes into fields without quotes.
-pub(crate) fn quoted_fields(line: &[u8], separator: u8) -> csv::ByteRecord {
-    let mut reader = csv::ReaderBuilder::new();
-    reader.has_headers(false).flexible(true).delimiter(separator);
-    // A carriage return within a line does not end the row.
-    reader.terminator(csv::Terminator::Any(b'\n'));
-    let mut record = csv::ByteRecord::new();
-    // Reading from memory cannot fail, and any line is a valid record.
-    let _ = reader.from_reader(line).read_byte_record(&mut record);
-    record
-}
-
 /// Removes quotes, if all enclose a whole field that does not need them. Blanks at the ends of lines replace them, so
 /// that line positions stay valid.
 fn without_quotes(lines: &[u8], separator: u8) -> Option<Vec<u8>> {
@@ -425,12 +413,6 @@ fn begins_with_number(line: &[u8]) -> bool {
     line.trim_ascii_start()
         .first()
         .is_some_and(|byte| byte.is_ascii_digit() || b"+-.".contains(byte))
-}
-
-pub(crate) fn is_comment(line: &[u8]) -> bool {
-    let line = line.trim_ascii_start();
-    // PuTTY begins each session with such a line.
-    line.starts_with(b"#") || line.starts_with(b"//") || line.starts_with(b"=~=~")
 }
 
 /// Returns the number of bytes in the blank lines at the start of some lines.

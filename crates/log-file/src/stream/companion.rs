@@ -7,9 +7,9 @@ use std::io::{self, BufRead, BufReader, Read};
 use std::sync::Arc;
 
 use super::text_stream::TextStream;
+use crate::line::quoted_fields;
 use crate::parse::form::RowForm;
 use crate::parse::marks::NumberMarks;
-use crate::parse::rows::quoted_fields;
 
 /// The longest line, bytes.
 const LONGEST: u64 = 1 << 20;

@@ -8,8 +8,8 @@ use table_file::{Cell, ColumnPart, TablePart, WantedColumn};
 use super::bytes::ByteStream;
 use super::chunk::{LINE_LIMIT, LongLine};
 use super::companion::separator;
+use crate::line::{is_comment, quoted_fields};
 use crate::parse::number::with_points;
-use crate::parse::rows::{is_comment, quoted_fields};
 
 /// The rows of a text: its lines except blank ones and comments.
 pub(crate) struct TextRows {

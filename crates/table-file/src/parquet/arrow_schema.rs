@@ -1,7 +1,6 @@
 //! The units in Arrow's schema, which Arrow's writers store in addition to Parquet's schema: a message in Arrow's IPC
 //! format ("Arrow Columnar Format", "Schema.fbs", "Message.fbs"), in base64.
 
-use super::super::table::attributes_of;
 use serde_json::Value;
 
 /// The key of the schema in a file's metadata.
@@ -138,6 +137,19 @@ impl FlatBuffer<'_> {
         let (at, length) = self.vector(table, number)?;
         let bytes = self.0.get(at..at.checked_add(length)?)?;
         Some(String::from_utf8_lossy(bytes).into_owned())
+    }
+}
+
+/// Appends the members of a JSON object with joined names: `units.fx`.
+fn attributes_of(name: &str, value: &Value, pairs: &mut Vec<(String, String)>) {
+    match value {
+        Value::Object(members) => members.iter().for_each(|(key, value)| {
+            let name = if name.is_empty() { key.clone() } else { format!("{name}.{key}") };
+            attributes_of(&name, value, pairs);
+        }),
+        Value::String(text) => pairs.push((name.to_owned(), text.clone())),
+        Value::Number(number) => pairs.push((name.to_owned(), number.to_string())),
+        _ => {}
     }
 }
 

@@ -10,7 +10,6 @@ use shellcal::workflow::check_channels;
 use shellcal::workflow::gates::Gate;
 use shellcal::workflow::remark::found_groups;
 
-use super::eval::is_trained_on;
 use super::mapping::MappingArgs;
 use crate::files::InputPath;
 use crate::printer::{Outcome, Printer, TableColumn};
@@ -89,7 +88,9 @@ impl ComparedCalibrations<'_> {
         let of = |(path, file): (&InputPath, &CalibrationFile)| {
             let path = path.display().to_string();
             let sources = file.origin.sources.clone();
-            let logs = data.logs.iter().filter(move |log| is_trained_on(log, &sources));
+            let logs = data.logs.iter().filter(move |log| {
+                sources.iter().any(|of| of.is_training_log(log.summary.checksum.as_deref()))
+            });
             logs.map(move |log| (path.clone(), log.name.display().to_string()))
         };
         of(self.first).chain(of(self.second)).collect()

@@ -7,13 +7,13 @@ use calibration::fit::{
 };
 use calibration::physics::COVERAGE_LEVEL;
 use calibration::quality::{AxisQuality, significant};
-use calibration_file::{CalibrationFile, Diagnostics, Role, SourceFile};
+use calibration_file::{CalibrationFile, Diagnostics};
 use clap::builder::TypedValueParser;
 use figures::{FitPlot, fit_figure};
 use log_file::{Log, ReadOptions, Wanted, read_dataset, sample_logs};
 use report::add_to_plot;
 use serde::Serialize;
-use shell_data::dataset::{Dataset, LabelledBlock, LogRows, RowSet};
+use shell_data::dataset::{Dataset, LabelledBlock, RowSet};
 use shell_data::wrench::{Axes, Axis, PerAxis};
 use shellcal::workflow::check_channels;
 use shellcal::workflow::convert::interval_factors;
@@ -132,7 +132,9 @@ impl EvalArgs {
             sample_logs(&mut rows, [log], &wanted)?;
             let rows = calibration.prepared(&rows)?;
             let rows = rows.select(self.fresh, &RowSet::default());
-            if rows.logs.iter().any(|log| is_trained_on(log, &sources)) {
+            if rows.logs.iter().any(|log| {
+                sources.iter().any(|of| of.is_training_log(log.summary.checksum.as_deref()))
+            }) {
                 let name = log.path().display().to_string();
                 printer.warning(format!(
                     "`{name}` was used for the fit: its errors are those of training, not of new loads"
@@ -211,13 +213,6 @@ impl EvalArgs {
         }
         Ok(())
     }
-}
-
-pub(super) fn is_trained_on(log: &LogRows, sources: &[SourceFile]) -> bool {
-    let checksum = log.summary.checksum.as_ref();
-    sources.iter().any(|source| {
-        source.role == Role::Train && checksum.is_some() && source.checksum.as_ref() == checksum
-    })
 }
 
 /// Notes the axes that are not compared. Requested axes among them fail later.
