@@ -6,7 +6,7 @@ use super::column_name::plain;
 use super::lines::{fields, lines};
 use crate::parse::date::{DateOrder, is_date, is_time_of_day, parse_date};
 use crate::parse::number::parse_field;
-use shell_data::unit::Scale;
+use shell_data::unit::{Quantity, Scale, Unit};
 
 /// A column that is added to the time.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,44 +24,14 @@ pub(crate) enum PartValues {
 /// Endings of the names of whole seconds.
 const SECONDS: [&str; 3] = ["sec", "secs", "seconds"];
 
-/// Endings of the names of their fraction, and parts per second; longer endings first.
-const FRACTIONS: [(&str, f64); 26] = [
-    ("milliseconds", 1e3),
-    ("millisekunden", 1e3),
-    ("millisecondes", 1e3),
-    ("mikrosekunden", 1e6),
-    ("microsecondes", 1e6),
-    ("millisecond", 1e3),
-    ("millisec", 1e3),
-    ("millis", 1e3),
-    ("msecs", 1e3),
-    ("msec", 1e3),
-    ("microseconds", 1e6),
-    ("microsecond", 1e6),
-    ("microsec", 1e6),
-    ("micros", 1e6),
-    ("usecs", 1e6),
-    ("usec", 1e6),
-    ("nanoseconds", 1e9),
-    ("nanosecond", 1e9),
-    ("nanosecs", 1e9),
-    ("nanosec", 1e9),
-    ("nsecs", 1e9),
-    ("nsec", 1e9),
-    ("nanos", 1e9),
-    ("ms", 1e3),
-    ("us", 1e6),
-    ("ns", 1e9),
-];
-
 /// Returns the next column as the fraction of the seconds in column `at`, if the names of both say so: `secs` and
 /// `nsecs`, `tv_sec` and `tv_usec`, `time` and `ms`.
 pub(super) fn fraction_by_name(names: &[String], at: usize) -> Option<ClockPart> {
     let (seconds, fraction) = (plain(names.get(at)?), plain(names.get(at + 1)?));
     let stem_of_seconds = SECONDS.iter().find_map(|ending| seconds.strip_suffix(ending));
-    let parts = FRACTIONS.iter().filter_map(|(ending, per)| {
-        let stem = fraction.strip_suffix(ending)?;
-        (stem.is_empty() || stem_of_seconds == Some(stem)).then_some(*per)
+    let parts = ["", stem_of_seconds.unwrap_or_default()].into_iter().filter_map(|stem| {
+        let unit = Unit::parse(fraction.strip_prefix(stem)?, Quantity::Time)?;
+        Some(unit.scale.per).filter(|per| [1e3, 1e6, 1e9].contains(per))
     });
     let values = parts.map(|per| PartValues::Numbers(Scale::per_si(per))).next()?;
     Some(ClockPart { column: at + 1, values })
@@ -164,12 +134,51 @@ mod tests {
             ("stamp_sec,nanosec", Some(1e9)),
             ("Time,ms", Some(1e3)),
             ("time,params", None),
+            ("time,s", None),
+            ("time,min", None),
             ("sec,latency_ms", None),
         ] {
             let names: Vec<String> = names.split(',').map(str::to_owned).collect();
             let found = fraction_by_name(&names, 0).map(|part| part.values);
             let expected = expected.map(|per| PartValues::Numbers(Scale::per_si(per)));
             assert_eq!(found, expected, "{names:?}");
+        }
+    }
+
+    #[test]
+    fn fractions_are_spelled_as_units_of_time() {
+        let of_thousand = [
+            "milliseconds",
+            "millisekunden",
+            "millisecondes",
+            "millisec",
+            "millis",
+            "msecs",
+            "msec",
+            "ms",
+        ];
+        let of_million = [
+            "mikrosekunden",
+            "microsecondes",
+            "microseconds",
+            "microsec",
+            "micros",
+            "usecs",
+            "usec",
+            "us",
+        ];
+        let of_billion = ["nanoseconds", "nanosecs", "nanosec", "nanos", "nsecs", "nsec", "ns"];
+        let all = [(1e3, &of_thousand[..]), (1e6, &of_million), (1e9, &of_billion)];
+        for (per, unit) in
+            all.iter().flat_map(|(per, units)| units.iter().map(move |of| (*per, of)))
+        {
+            for names in [
+                ["sec".to_owned(), (*unit).to_owned()],
+                ["tv_sec".to_owned(), format!("tv_{unit}")],
+            ] {
+                let found = fraction_by_name(&names, 0).map(|part| part.values);
+                assert_eq!(found, Some(PartValues::Numbers(Scale::per_si(per))), "{names:?}");
+            }
         }
     }
 
