@@ -13,9 +13,9 @@ use super::warning::Warning;
 use super::{Fit, files};
 use crate::groups::label_found_poses;
 use least_squares::error::FitError;
-use least_squares::held_out_errors::HeldOutErrors;
 use least_squares::passes::Workers;
 use least_squares::quality::significant;
+use least_squares::validation::cross_validation::CrossValidation;
 use shell_data::block::Block;
 use shell_data::dataset::Dataset;
 use shell_data::statistics::RunningVariance;
@@ -323,7 +323,8 @@ fn poses_that_err(fit: &Fit, workers: Workers<'_>) -> Result<Option<String>, Fit
     if groups.len() < FEWEST_POSES {
         return Ok(None);
     }
-    let held_out = held_out_alone(fit);
+    let held_out =
+        fit.cross_validation.as_ref().map(CrossValidation::errors_alone).unwrap_or_default();
     let mut named: Vec<(f64, &str, Axis)> = Vec::new();
     for axis in fit.calibration.axes.iter() {
         // The residual of a pose of leverage h is (1 − h) times its held-out error, and its variance is proportional to
@@ -350,16 +351,6 @@ fn poses_that_err(fit: &Fit, workers: Workers<'_>) -> Result<Option<String>, Fit
             axis.name()
         )
     }))
-}
-
-/// Errors on the groups that were each held out alone, by label; empty unless all were.
-fn held_out_alone(fit: &Fit) -> HashMap<&str, &PerAxis<HeldOutErrors>> {
-    let folds = fit.cross_validation.iter().flat_map(|found| &found.by_fold);
-    let alone = folds.map(|fold| match &fold.labels[..] {
-        [label] => Some((label.as_str(), &fold.errors)),
-        _ => None,
-    });
-    alone.collect::<Option<_>>().unwrap_or_default()
 }
 
 #[derive(Default)]

@@ -330,7 +330,7 @@ impl PairedError {
 }
 
 /// Compares the errors of two calibrations on the rows of `data`, with the lag and memory of each corrected.
-/// The groups are those of a column, files, groups found in the rows, or blocks of time.
+/// Groups come from a column, are files or found poses, or are blocks of time.
 ///
 /// # Errors
 /// [`FitError`] if there are fewer than two groups, or the watcher of the workers stops the pass.

@@ -17,7 +17,7 @@ use least_squares::model::Model;
 use least_squares::passes::Workers;
 use least_squares::quality::significant;
 use least_squares::sums::{GroupedSums, RowSums, errors_without};
-use least_squares::validation::cross_validation::{CrossValidation, FoldErrors};
+use least_squares::validation::cross_validation::CrossValidation;
 use least_squares::validation::grouped::SumsByGroup;
 use sensor_physics::PhysicsCalibration;
 use shell_data::dataset::{Dataset, LogRows};
@@ -124,10 +124,8 @@ pub fn contradicting_sums(
 
 /// Root mean square errors on each named group, if each was held out alone.
 fn of_each(found: &CrossValidation, names: &[String]) -> Option<Vec<PerAxis<f64>>> {
-    let of = |name: &String| {
-        let alone = |fold: &&FoldErrors| matches!(&fold.labels[..], [label] if label == name);
-        Some(found.by_fold.iter().find(alone)?.errors.map(|axis| axis.rms()))
-    };
+    let errors = found.errors_alone();
+    let of = |name: &String| Some(errors.get(name.as_str())?.map(|axis| axis.rms()));
     names.iter().map(of).collect()
 }
 
@@ -188,7 +186,7 @@ struct Usual {
 impl Parts {
     /// Finds contradicting parts one by one. `errors` returns the RMS errors, on all parts, of a fit without some of
     /// them, or `None` if the others do not determine it. A contradicting part may bend the fit to all parts, so
-    /// held-out errors of each part, if known, show more than those of this fit.
+    /// held-out errors of each part, if known, show more than the errors of this fit.
     fn contradictions(
         &self,
         held_out: Option<Vec<PerAxis<f64>>>,

@@ -50,7 +50,7 @@ pub struct PhysicsFit {
 }
 
 impl PhysicsFit {
-    /// Held-out errors. `labels` are those of the groups, in the order of their numbers.
+    /// Held-out errors. `labels` names the groups, in the order of their numbers.
     pub(super) fn cross_validation(&self, labels: &[String]) -> Option<CrossValidation> {
         let validation = self.validation.as_ref()?;
         let total = validation.total();
@@ -182,7 +182,7 @@ impl ModelComparison {
         let options = input.options;
         let sums = choice.sums.as_ref().filter(|_| choice.selection.is_some());
         let sums = sums.and_then(GroupedSums::exact);
-        // If the sums are those of sets of groups, the rows of each set are unknown.
+        // If each sum is over a set of groups, the rows of the set are unknown.
         let sums = sums.filter(|sums| sums.group_count == sums.groups.len());
         let Some(sums) = sums else { return Ok(None) };
         let labelled = input.labelled(options.held_out());

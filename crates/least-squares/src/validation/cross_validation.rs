@@ -1,5 +1,7 @@
 //! Cross-validation on groups, with rows that are held out at random for comparison.
 
+use std::collections::HashMap;
+
 use super::grouped::SumsByGroup;
 use crate::error::FitError;
 use crate::exact::{ExactSums, PartitionedSums};
@@ -55,6 +57,15 @@ pub struct CrossValidation {
 }
 
 impl CrossValidation {
+    /// Errors on the groups by label, if each was held out alone; empty otherwise.
+    pub fn errors_alone(&self) -> HashMap<&str, &PerAxis<HeldOutErrors>> {
+        let alone = self.by_fold.iter().map(|fold| match &fold.labels[..] {
+            [label] => Some((label.as_str(), &fold.errors)),
+            _ => None,
+        });
+        alone.collect::<Option<_>>().unwrap_or_default()
+    }
+
     /// Combines the errors on folds, with the labels of their groups, and the numbers of groups and rows.
     ///
     /// # Errors

@@ -426,8 +426,7 @@ fn check_marks(
 }
 
 /// Finds the columns that are added to the time, and gives them their meaning; no date if the user has named the column
-/// of the time (`is_named`). Returns the notation of dates among
-/// them.
+/// of the time (`is_named`). Returns the notation of dates among them.
 fn add_parts(
     source: &LogSource,
     header: &Header,

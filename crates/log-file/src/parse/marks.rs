@@ -1,7 +1,7 @@
 //! Decimal marks, and marks between thousands: `1,5`, `1.075,2`, `"1,075.2"`, `1'075.2`, `1 075,2`.
 //!
 //! `1.075` is ambiguous. The other numbers of its column decide: `0.5` has a decimal mark, `1.075,2` has both marks,
-//! and `981` beside `1.075` is below a thousand. Otherwise the columns beside it decide.
+//! and `981` beside `1.075` is below a thousand. Otherwise the other columns decide.
 
 use memchr::memchr;
 
@@ -77,7 +77,7 @@ impl Notation {
         if let Some(groups) = Groups::of(digits) {
             let decimal = groups.decimal.and_then(mark_of);
             return match (groups.mark.and_then(mark_of), groups.count, decimal) {
-                (Some(mark), 1, None) if groups.ends_whole => Self::Either(mark),
+                (Some(mark), 1, None) => Self::Either(mark),
                 (mark, _, decimal) => Self::Grouped(mark, decimal),
             };
         }
@@ -95,7 +95,6 @@ struct Groups {
     mark: Option<u8>,
     count: usize,
     decimal: Option<u8>,
-    ends_whole: bool,
 }
 
 impl Groups {
@@ -125,12 +124,7 @@ impl Groups {
         let decimals = rest.get(usize::from(decimal.is_some())..)?;
         let is_number = count > 0 && decimals.iter().all(u8::is_ascii_digit);
         let is_whole = decimal.is_some() || decimals.is_empty();
-        (is_number && is_whole).then_some(Self {
-            mark,
-            count,
-            decimal,
-            ends_whole: decimal.is_none(),
-        })
+        (is_number && is_whole).then_some(Self { mark, count, decimal })
     }
 }
 
