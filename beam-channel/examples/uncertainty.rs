@@ -5,7 +5,7 @@
 //! ```
 //!
 //! prints the median of the mean drag on the plateau and its 95 % interval for the paper's channels. THICKNESS_SHARE is
-//! the standard deviation of the beams' thickness as a share of the thickness; FRICTION_SD is that of the friction.
+//! the standard deviation of the beams' thickness as a share of the thickness; FRICTION_SD is the standard deviation of the friction.
 //! Draws in which the body jams are left out and counted.
 #![allow(clippy::print_stdout, reason = "an example shows its result")]
 

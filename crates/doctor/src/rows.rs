@@ -1,5 +1,5 @@
-//! Checks of the rows of a log: columns that stand still or are cut off, and rows that are there twice. The same rules
-//! hold for readings and for loads.
+//! Checks of the rows of a log: columns that stand still or are cut off, and rows that are there twice. Readings and
+//! loads follow one set of rules.
 
 use std::borrow::Cow;
 use std::collections::{HashMap, HashSet};
@@ -488,7 +488,7 @@ mod tests {
                     });
                 }
                 block.wrench = block.readings.iter().chain(&block.readings).cloned().collect();
-                // Loads with noise of their own, or rows would be there twice.
+                // Without noise on the loads, rows would be there twice.
                 block.wrench.iter_mut().flatten().for_each(|load| *load += random.normal());
             })
         };

@@ -90,7 +90,7 @@ impl Between {
                     let is_known = are_all || before + 2 < times.len();
                     return is_known.then_some(Self { before, share });
                 }
-                // The time is that of a row, or time goes back.
+                // The time equals that of a row, or goes back.
                 Some(_) => break,
                 None if are_all || times[before] == wanted => break,
                 None => return None,

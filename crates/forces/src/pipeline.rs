@@ -11,7 +11,7 @@ use super::stationary::StationaryInterval;
 use super::tare::{FirstRows, StationaryZeros, TareSearch};
 use super::{ForceOptions, LowPass, RowRule, TareFrames, TareResult, TareRule};
 
-/// The pipeline from readings to forces, for one log. The default is that of
+/// The pipeline from readings to forces, for one log. Its default follows
 /// [`ForceOptions::RAW`](super::ForceOptions::RAW).
 #[derive(Clone, Debug, Default)]
 pub struct ForcePipeline {

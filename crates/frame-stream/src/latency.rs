@@ -1,7 +1,7 @@
 //! Latency of rows at their readers.
 //!
 //! The offset between the clocks of board and computer is unknown. The latency of a row is its delay beyond the fastest
-//! row of the same ten seconds. Such short blocks of time also follow clock drift. The fastest row's own delay
+//! row of the same ten seconds. Blocks of time as short as these also follow clock drift. The fastest row's own delay
 //! (conversion and transmission) is not included.
 
 use std::fmt;

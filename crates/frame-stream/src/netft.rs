@@ -46,7 +46,7 @@ impl Default for NetFtAddress {
 
 #[derive(Clone, Debug)]
 pub struct NetFtPage {
-    /// Addresses of which the first free one should serve the page.
+    /// Addresses for the page, which is served at the first free one.
     pub addresses: Vec<SocketAddr>,
     state: Arc<Mutex<BoxState>>,
 }

@@ -1,6 +1,6 @@
 //! Numbers as unevaluated sums of a head and a tail: about 31 decimal digits, the exponent range of `f64`.
 //!
-//! The error-free transformations are those of Knuth (TAOCP 2, §4.2.2) and Dekker (Numer. Math. 18, 1971). The
+//! The error-free transformations are by Knuth (TAOCP 2, §4.2.2) and Dekker (Numer. Math. 18, 1971). The
 //! operations are the accurate ones of Joldes, Muller and Popescu (ACM TOMS 44, 2017), with a relative error below
 //! 2⁻¹⁰² for sums and 2⁻¹⁰⁰ for products and quotients. Products use `f64::mul_add`, which is exact on every machine.
 

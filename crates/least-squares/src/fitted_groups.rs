@@ -7,7 +7,7 @@
 //! ```
 //!
 //! and the coefficients without it, with the same penalties Λ, are `C − F·(I − K_g)⁻¹·u_g`. No other pass over the rows
-//! is needed. For any features, errors of these equations grow with κ(X), like those of `M`, not with its square.
+//! is needed. For any features, errors of these equations grow with κ(X), as the errors of `M` do, not with its square.
 
 use std::ops::Range;
 

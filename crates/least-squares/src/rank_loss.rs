@@ -1,4 +1,4 @@
-//! Causes of a loss of rank, from the R factor alone: the lengths and angles of its columns are those of the features.
+//! Causes of a loss of rank, from the R factor alone, whose columns have the lengths and angles of the features.
 
 use std::fmt;
 

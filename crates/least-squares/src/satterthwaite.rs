@@ -1,8 +1,8 @@
 //! The degrees of freedom of variances from groups, by Satterthwaite's approximation.
 //!
 //! The [scatter over groups](crate::sandwich) gives a combination `xᵀC` of coefficients a variance that is a quadratic
-//! form of the errors. If the errors are independent and equally large, the first two moments of this variance are
-//! those of a multiple of chi-squared with ν degrees of freedom. With `y = Fᵀx`,
+//! form of the errors. If the errors are independent and equally large, this variance has the first two moments of
+//! a multiple of chi-squared with ν degrees of freedom. With `y = Fᵀx`,
 //!
 //! ```text
 //! w_g = K_g·(I − K_g)^(−½)·y    d_g = yᵀK_g·(I − K_g)⁻¹·y    θ_gh = δ_gh·d_g − w_gᵀw_h

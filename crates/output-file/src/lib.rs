@@ -202,7 +202,7 @@ impl AtomicFile {
         }
         let named = path.to_path_buf();
         if metadata.as_ref().is_some_and(|metadata| !metadata.is_file()) {
-            // Nothing is buffered, so that the reader of a pipe gets the bytes at once.
+            // Without a buffer, the reader of a pipe gets the bytes at once.
             let device = File::options().write(true).open(path)?;
             let file = BufWriter::with_capacity(0, Box::new(device) as _);
             return Ok(Self { path: named, file, replacement: None });

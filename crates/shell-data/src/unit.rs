@@ -116,7 +116,7 @@ impl Unit {
     }
 }
 
-/// A symbol: its names, of which the first is for output; dimension; size (a factor, a power of ten); allowed prefixes.
+/// A symbol: its names, the first for output; dimension; size (a factor, a power of ten); allowed prefixes.
 struct Symbol(&'static [&'static str], Dimension, f64, i32, &'static str);
 
 /// The pound is 0.45359237 kg and the inch 0.0254 m (international yard and pound agreement, 1959),

@@ -181,7 +181,7 @@ impl ArrayNumbers {
 /// An array may lack the last row only if the log has more rows than this.
 const FEW_ROWS: usize = 10;
 
-/// Transposes matrices whose columns run along time. Such matrices have as many columns as a vector has values. Without
+/// Transposes matrices whose columns run along time. They have as many columns as a vector has values. Without
 /// long vectors, all matrices have equal numbers of columns and different numbers of rows.
 fn turn(all: &mut [Array]) {
     let vectors: Vec<usize> = all

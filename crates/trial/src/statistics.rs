@@ -300,7 +300,7 @@ mod tests {
         independent(values.iter().copied()).statistics(1).unwrap()
     }
 
-    /// Expected values are those of `numpy.percentile` and `matplotlib.cbook.boxplot_stats`.
+    /// Expected values come from `numpy.percentile` and `matplotlib.cbook.boxplot_stats`.
     #[test]
     fn box_plots_equal_those_of_matplotlib() {
         let s = of(&[7.0, 1.0, 2.0, 100.0, 3.0, 4.0]);

@@ -1,5 +1,5 @@
 //! The groups of a partial fit. The last bits of results depend on the order of the groups, so each
-//! group records the position of its first row. Whatever the order of merging, groups are sorted as
+//! group records the position of its first row. In any order of merging, groups are sorted as
 //! one fit over all files, sorted by name, would have them.
 
 use std::collections::{HashMap, HashSet};

@@ -5,7 +5,7 @@
 //!                        └───────────────────────────────▲──────────────────────┘
 //! ```
 //!
-//! Every order begins with the same poses and ends with all of them. The error is that of the physics model, with new
+//! Every order begins with the same poses and ends with all of them. The error is from the physics model, with new
 //! priors each time, relative to the root mean square of the loads, averaged in squares over axes and poses.
 
 use std::collections::BTreeMap;

@@ -42,7 +42,7 @@ const BACK_IN_INTERVALS: f64 = 10.0;
 const FORWARD_IN_INTERVALS: f64 = 100.0;
 const FORWARD_S: f64 = 1.0;
 
-/// Steady rows are slow motion, not a pose, if they are fewer than those of usual poses by this factor.
+/// Steady rows are slow motion, not a pose, if a usual pose has more than this many times as many.
 const SHORT: u64 = 4;
 
 /// Limits for a step of the load and for a jump of the clock.

@@ -35,7 +35,7 @@ impl ExactSums {
     /// Fits `model`: minimises the sum of squared residuals plus `ridge·(c·‖x‖)²` for each feature
     /// except the intercept, with its coefficient `c` and column `x`. Without ridge, each
     /// coefficient is within a unit in the last place, unless it is some 10¹⁰ times smaller than
-    /// those of the other standardised features.
+    /// the coefficients of the other standardised features.
     ///
     /// # Errors
     /// [`FitError`] if the rows do not determine the coefficients.

@@ -4,7 +4,7 @@
 
 use shell_data::vectorised;
 
-/// Fraction of a count, 2⁻ᵏ·5⁻ᵐ, of which all readings are multiples.
+/// Fraction of a count, 2⁻ᵏ·5⁻ᵐ, that divides all readings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct ReadingUnit {
     /// Exponent k of two.

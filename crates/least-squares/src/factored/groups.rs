@@ -131,7 +131,7 @@ impl FactoredGroups {
         FactoredRows::merged(self.groups.iter().map(|(_, rows)| rows))
     }
 
-    /// Merges, for each group, all other groups; `None` with fewer than two. Nothing is subtracted, and there are fewer
+    /// Merges, for each group, all other groups; `None` with fewer than two. It subtracts nothing, and takes fewer
     /// than three merges per group.
     pub fn without_each(&self) -> Option<Vec<FactoredRows>> {
         let merged = |earlier: &FactoredRows, later: &FactoredRows| {

@@ -24,7 +24,7 @@ pub struct FactoredRows {
 }
 
 impl FactoredRows {
-    /// Starts with zero rows. `scaling` is that of a model with a constant, and should come from a sample of the
+    /// Starts with zero rows. `scaling` belongs to a model with a constant, and should come from a sample of the
     /// rows.
     ///
     /// # Panics

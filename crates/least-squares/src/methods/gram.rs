@@ -50,7 +50,7 @@ impl Gram {
     ///
     /// Success does not prove full rank. The elements of the scaled matrix have errors of at most (r + a)·2⁻⁵³, with r
     /// rows to a chunk and a additions of chunks (Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed.,
-    /// §3.1). The eigenvalues have errors of at most p times that (Weyl), and p²·2⁻⁵³ of their own algorithm. It is an
+    /// §3.1). The eigenvalues have errors of at most p times that (Weyl), and p²·2⁻⁵³ from the eigenvalue algorithm. It is an
     /// error if the smallest eigenvalue is not well above this bound.
     pub(super) fn solve(&self, ridge: Ridge) -> Result<LeastSquares, LeastSquaresError> {
         let Shape { features: p, outputs: q } = self.shape;

@@ -1,5 +1,5 @@
 //! Column pivoting and singular values from the R factor: `X = Q·R` with orthonormal `Q`, so
-//! pivots, singular values and directions are those of `X`.
+//! `R` has the pivots, singular values and directions of `X`.
 
 use faer::linalg::triangular_solve;
 use faer::{Mat, Par};

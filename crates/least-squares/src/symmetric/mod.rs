@@ -274,7 +274,7 @@ vectorised! {
         trace
     }
 
-    /// Computes `T` from the columns of `M`, of which the last comes first.
+    /// Computes `T` from the columns of `M`, from last to first.
     fn root_of_columns(columns: &mut [Vec<f64>], rows: usize) -> UpperTriangle {
         let size = columns.len();
         for k in 0..size.min(rows) {

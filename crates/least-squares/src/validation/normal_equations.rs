@@ -229,7 +229,7 @@ mod tests {
         let parts = [1.0, 2f64.powi(80), 2.0, 4.0].map(|part| Mat::from_fn(1, 1, |_, _| part));
         let sums: Vec<f64> =
             sums_without_each(parts.iter()).iter().map(|sum| sum[(0, 0)]).collect();
-        // Subtracting the large one from the sum would give 0: beside it, the others are below half its last digit.
+        // Subtracting the large one from the sum would give 0: the others are below half its last digit.
         assert_eq!(sums, [2f64.powi(80), 7.0, 2f64.powi(80), 2f64.powi(80)]);
     }
 

@@ -25,7 +25,7 @@ use crate::format::meaning::{are_units, known_names};
 use crate::line::{is_comment, line_ends, quoted_fields, without_returns};
 use shell_data::wrench::Axis;
 
-/// The column that shows that a log contains samples of a reference beside those of the board.
+/// The column that shows that a log contains samples of a reference as well as of the board.
 const REFERENCE_NUMBER: &str = "ref_index";
 
 #[derive(Debug)]

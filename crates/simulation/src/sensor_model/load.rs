@@ -1,7 +1,7 @@
 //! Loads applied to a shell by hand, each contact a pose; and loads from a table.
 //!
 //! The shell is half an ellipsoid of the robot's size (18 cm × 11 cm × 4.5 cm: Table I of the paper on the shell). In a
-//! pose of 2 s a contact rises, dwells and falls, and sways, band-limited below 3 Hz. Of four poses, the second is a
+//! pose of 2 s a contact rises, dwells and falls, and sways, band-limited below 3 Hz. In every four poses, the second is a
 //! pull with a twist (the shell held), the fourth has taps, and the others are pushes. Contact points follow a
 //! low-discrepancy sequence (Roberts' R₂), so that even short recordings load every axis in both directions.
 //!

@@ -124,7 +124,7 @@ impl SimulatedBoard {
     }
 }
 
-/// Returns a unit's serial number. That of unit 1, which the shipped data is from, has no digits.
+/// Returns a unit's serial number. Unit 1, the source of the shipped data, has no digits in it.
 fn serial(unit_seed: u64) -> [u8; 12] {
     let mut serial = *b"simulated   ";
     if unit_seed != 1 {

@@ -235,7 +235,7 @@ fn note_axes(
     }
 }
 
-/// Finds faults of test rows, and compares their errors with the promised ones. `names` are those of the channels.
+/// Finds faults of test rows, and compares their errors with the promised ones. `names` are the names of the channels.
 fn examine(
     calibration: &Calibration,
     promise: Option<&Promise>,
