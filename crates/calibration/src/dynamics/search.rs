@@ -50,8 +50,11 @@ const FIRST_STEPS: usize = 2;
 /// Lags from which the search starts, rows.
 const STARTS: [f64; 11] = [-32.0, -16.0, -8.0, -4.0, -2.0, 0.0, 2.0, 4.0, 8.0, 16.0, 32.0];
 
-/// Factors that move time constants, one for each round.
-const ROUNDS: [f64; 4] = [1.7, 1.4, 1.2, 1.08];
+/// Factors that move time constants after each new term, one for each round.
+const COARSE_ROUNDS: [f64; 2] = [1.7, 1.25];
+
+/// Factors that move the time constants of the last set.
+const FINE_ROUNDS: [f64; 2] = [1.25, 1.08];
 
 type LagEstimate = (f64, f64);
 
@@ -208,6 +211,7 @@ impl DynamicsSearch<'_> {
         let grid: Vec<f64> = grid.take_while(|tau| *tau <= most).collect();
         let grid = map(&grid, self.workers, |&tau| Ok(self.equations.memory(tau))).ok()?;
         let mut best = self.equations.errors(&set, lag)?;
+        let given = set.terms.len();
         while set.terms.len() < MOST_TIMES {
             let Some((more, moved)) = self.one_more(&set, lag, &grid) else { break };
             let errors = self.equations.errors(&more, moved)?;
@@ -218,6 +222,10 @@ impl DynamicsSearch<'_> {
                 break;
             }
             (set, best) = (more, errors);
+        }
+        if set.terms.len() > given {
+            let score = self.score(&set, lag);
+            Attempt { set, lag, .. } = self.moved(Attempt { score, set, lag }, &FINE_ROUNDS)?;
         }
         Some((set, lag))
     }
@@ -240,13 +248,8 @@ impl DynamicsSearch<'_> {
             Ok(self.attempt(set, set.terms.len(), new, lag, FIRST_STEPS))
         };
         let tried = map(&new, self.workers, attempt).ok()?;
-        let Attempt { mut set, mut lag, .. } =
-            tried.into_iter().flatten().min_by(Attempt::order)?;
-        for factor in ROUNDS {
-            for position in 0..set.terms.len() {
-                (set, lag) = self.move_one(set, position, factor, lag)?;
-            }
-        }
+        let best = tried.into_iter().flatten().min_by(Attempt::order)?;
+        let Attempt { set, mut lag, .. } = self.moved(best, &COARSE_ROUNDS)?;
         if self.rule.lag.is_none() {
             lag = self.lag(&set, lag, STEPS).map_or(lag, |(lag, _)| lag);
         }
@@ -275,36 +278,38 @@ impl DynamicsSearch<'_> {
         self.equations.errors(set, lag).map_or(f64::INFINITY, |errors| errors.systematic())
     }
 
+    /// Moves each time constant in turn, round by round.
+    fn moved(&self, mut best: Attempt, rounds: &[f64]) -> Option<Attempt> {
+        for factor in rounds {
+            for position in 0..best.set.terms.len() {
+                best = self.move_one(best, position, *factor)?;
+            }
+        }
+        Some(best)
+    }
+
     /// Moves a time constant to the best of three scores and of the vertex of a parabola through them, by at
     /// most `factor` to the power of 1.5.
-    fn move_one(
-        &self,
-        set: TermSet,
-        position: usize,
-        factor: f64,
-        lag: f64,
-    ) -> Option<(TermSet, f64)> {
-        let (centre, (least, most)) = (set.terms[position].time_constant, self.bounds());
+    fn move_one(&self, centre: Attempt, position: usize, factor: f64) -> Option<Attempt> {
+        let (set, (least, most)) = (&centre.set, self.bounds());
+        let at = set.terms[position].time_constant;
         let is_allowed = |tau: f64| {
-            let mut others = set.terms.iter().enumerate().filter(|(at, _)| *at != position);
+            let mut others = set.terms.iter().enumerate().filter(|(other, _)| *other != position);
             (least..=most).contains(&tau) && others.all(|(_, of)| is_apart(of.time_constant, tau))
         };
-        let attempt = |&tau: &f64| match tau == centre {
-            true => Ok(self.attempt(&set, position, &set.terms[position], lag, 1)),
-            false if !is_allowed(tau) => Ok(None),
-            false => Ok(self.attempt(&set, position, &self.equations.memory(tau), lag, 1)),
+        let attempt = |&tau: &f64| match is_allowed(tau) {
+            true => Ok(self.attempt(set, position, &self.equations.memory(tau), centre.lag, 1)),
+            false => Ok(None),
         };
-        let mut tried =
-            map(&[centre, centre / factor, centre * factor], self.workers, attempt).ok()?;
-        let [at_centre, below, above] =
-            [0, 1, 2].map(|at| tried[at].as_ref().map_or(f64::INFINITY, |of| of.score));
-        let (slope, curvature) = (below - above, below + above - 2.0 * at_centre);
+        let mut tried = map(&[at / factor, at * factor], self.workers, attempt).ok()?;
+        let [below, above] =
+            [0, 1].map(|at| tried[at].as_ref().map_or(f64::INFINITY, |of| of.score));
+        let (slope, curvature) = (below - above, below + above - 2.0 * centre.score);
         if curvature.is_finite() && curvature > 0.0 {
             let vertex = (0.5 * slope / curvature).clamp(-1.5, 1.5);
-            tried.extend(attempt(&(centre * factor.powf(vertex))));
+            tried.extend(attempt(&(at * factor.powf(vertex))));
         }
-        let best = tried.into_iter().flatten().min_by(Attempt::order);
-        Some(best.map_or((set, lag), |best| (best.set, best.lag)))
+        tried.into_iter().flatten().chain([centre]).min_by(Attempt::order)
     }
 }
 
