@@ -23,10 +23,7 @@ mod svg;
 mod trace;
 pub mod trial;
 
-use std::io::Read;
 use std::path::{Path, PathBuf};
-
-use ruzstd::decoding::StreamingDecoder;
 
 pub use axes::{PlotAxis, Spacing};
 pub use canvas::{Figure, Size};
@@ -85,10 +82,7 @@ impl Figure {
 }
 
 pub fn decompressed(asset: &[u8]) -> Vec<u8> {
-    let mut content = Vec::new();
-    let read = StreamingDecoder::new(asset).ok().map(|mut asset| asset.read_to_end(&mut content));
-    assert!(matches!(read, Some(Ok(_))), "an asset of the program is as it was put there");
-    content
+    zrip::decompress(asset).expect("an asset of the program is as it was put there")
 }
 
 #[cfg(test)]

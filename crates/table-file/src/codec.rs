@@ -3,8 +3,6 @@
 use std::error::Error;
 use std::io::{self, Read};
 
-use ruzstd::decoding::StreamingDecoder;
-
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Codec {
     None,
@@ -31,7 +29,7 @@ pub(crate) fn unpack(codec: Codec, packed: &[u8], size: usize) -> Result<Vec<u8>
         Codec::Gzip => read(flate2::bufread::MultiGzDecoder::new(packed), size)?,
         Codec::Bzip2 => read(bzip2::bufread::BzDecoder::new(packed), size)?,
         Codec::Lz4Frame => read(lz4_flex::frame::FrameDecoder::new(packed), size)?,
-        Codec::Zstd => read(StreamingDecoder::new(packed)?, size)?,
+        Codec::Zstd => zrip::decompress_with_limit(packed, size)?,
     };
     match unpacked.len() == size {
         true => Ok(unpacked),

@@ -11,4 +11,3 @@ pub(crate) mod table_rows;
 mod text_rows;
 mod text_stream;
 mod utf16;
-mod zstd;

@@ -21,7 +21,6 @@ use super::chunk::{LINE_LIMIT, LongLine};
 use super::companion::{RowMismatch, SideRows, Sides, joined};
 use super::text_rows::TextRows;
 use super::utf16::as_utf8;
-use super::zstd::{self, Zstd};
 use crate::error::{LogError, LogPosition, PlacedProblem};
 
 /// A file that can be read from its start any number of times.
@@ -117,7 +116,8 @@ impl LogSource {
         let start = self.start(self.open_file()?)?;
         self.container = match start.as_slice() {
             [0x1f, 0x8b, ..] => Container::Gzip,
-            start if zstd::begins(start) => Container::Zstd,
+            // A frame, or one to skip.
+            [0x28, 0xb5, 0x2f, 0xfd, ..] | [0x50..=0x5f, 0x2a, 0x4d, 0x18, ..] => Container::Zstd,
             _ => Container::Plain,
         };
         let text = match self.container {
@@ -247,7 +247,9 @@ impl LogSource {
             Container::Gzip => {
                 Box::new(Unpacked { decoder: MultiGzDecoder::new(buffered()?), left })
             }
-            Container::Zstd => Box::new(Unpacked { decoder: Zstd::new(buffered()?), left }),
+            Container::Zstd => {
+                Box::new(Unpacked { decoder: zrip::FrameDecoder::new(buffered()?), left })
+            }
         };
         Ok(match self.utf16 {
             None => text,
