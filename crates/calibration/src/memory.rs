@@ -171,22 +171,24 @@ fn follow<const N: usize>(
     averages: &mut [f64],
     terms: &mut [Vec<f64>],
 ) -> usize {
-    let columns: [&[f64]; N] = std::array::from_fn(|at| &readings[at][..kinds.len()]);
+    let rows = kinds.len();
+    let columns: [&[f64]; N] = std::array::from_fn(|at| &readings[at][..rows]);
+    let mut terms = terms.iter_mut();
+    let mut terms: [&mut [f64]; N] =
+        std::array::from_fn(|_| &mut terms.next().expect("a column for each channel")[..rows]);
     let mut held: [f64; N] = std::array::from_fn(|at| held[at]);
     let mut moving: [f64; N] = std::array::from_fn(|at| averages[at]);
-    for (row, (kind, share)) in kinds.iter().zip(shares).enumerate() {
-        for at in 0..N {
-            let reading = columns[at][row];
-            match kind {
-                RowKind::Next => moving[at] += share * (held[at] - moving[at]),
-                RowKind::Late => {}
-                RowKind::First => moving[at] = reading,
-            }
-            if *kind != RowKind::Late {
-                held[at] = reading;
-            }
-            terms[at][row] = reading - moving[at];
+    for row in 0..rows {
+        let (share, reading) = (shares[row], std::array::from_fn::<_, N, _>(|at| columns[at][row]));
+        match kinds[row] {
+            RowKind::Next => (0..N).for_each(|at| moving[at] += share * (held[at] - moving[at])),
+            RowKind::Late => {}
+            RowKind::First => moving = reading,
         }
+        if kinds[row] != RowKind::Late {
+            held = reading;
+        }
+        (0..N).for_each(|at| terms[at][row] = reading[at] - moving[at]);
     }
     averages[..N].copy_from_slice(&moving);
     N

@@ -50,11 +50,8 @@ const FIRST_STEPS: usize = 2;
 /// Lags from which the search starts, rows.
 const STARTS: [f64; 11] = [-32.0, -16.0, -8.0, -4.0, -2.0, 0.0, 2.0, 4.0, 8.0, 16.0, 32.0];
 
-/// Factors that move time constants after each new term, one for each round.
-const COARSE_ROUNDS: [f64; 2] = [1.7, 1.25];
-
-/// Factors that move the time constants of the last set.
-const FINE_ROUNDS: [f64; 2] = [1.25, 1.08];
+/// Factors that move time constants, one for each round.
+const ROUNDS: [f64; 3] = [1.7, 1.3, 1.08];
 
 type LagEstimate = (f64, f64);
 
@@ -211,7 +208,6 @@ impl DynamicsSearch<'_> {
         let grid: Vec<f64> = grid.take_while(|tau| *tau <= most).collect();
         let grid = map(&grid, self.workers, |&tau| Ok(self.equations.memory(tau))).ok()?;
         let mut best = self.equations.errors(&set, lag)?;
-        let given = set.terms.len();
         while set.terms.len() < MOST_TIMES {
             let Some((more, moved)) = self.one_more(&set, lag, &grid) else { break };
             let errors = self.equations.errors(&more, moved)?;
@@ -222,10 +218,6 @@ impl DynamicsSearch<'_> {
                 break;
             }
             (set, best) = (more, errors);
-        }
-        if set.terms.len() > given {
-            let score = self.score(&set, lag);
-            Attempt { set, lag, .. } = self.moved(Attempt { score, set, lag }, &FINE_ROUNDS)?;
         }
         Some((set, lag))
     }
@@ -249,7 +241,7 @@ impl DynamicsSearch<'_> {
         };
         let tried = map(&new, self.workers, attempt).ok()?;
         let best = tried.into_iter().flatten().min_by(Attempt::order)?;
-        let Attempt { set, mut lag, .. } = self.moved(best, &COARSE_ROUNDS)?;
+        let Attempt { set, mut lag, .. } = self.moved(best)?;
         if self.rule.lag.is_none() {
             lag = self.lag(&set, lag, STEPS).map_or(lag, |(lag, _)| lag);
         }
@@ -279,10 +271,10 @@ impl DynamicsSearch<'_> {
     }
 
     /// Moves each time constant in turn, round by round.
-    fn moved(&self, mut best: Attempt, rounds: &[f64]) -> Option<Attempt> {
-        for factor in rounds {
+    fn moved(&self, mut best: Attempt) -> Option<Attempt> {
+        for factor in ROUNDS {
             for position in 0..best.set.terms.len() {
-                best = self.move_one(best, position, *factor)?;
+                best = self.move_one(best, position, factor)?;
             }
         }
         Some(best)
