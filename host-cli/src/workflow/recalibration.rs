@@ -11,7 +11,7 @@ use calibration::fit::{Evaluation, Workers, evaluate, label_poses_or_files};
 use calibration::physics::{Observation, TrainingRows};
 use calibration::quality::AxisQuality;
 use calibration::recalibration::{NewLoads, Recalibration, RecalibrationError};
-use calibration::validation::cross_validation::CrossValidation;
+use calibration::validation::cross_validation::{CrossValidation, HeldOutQuality};
 use calibration_file::{CalibrationFile, Diagnostics, Origin};
 use load_table::{HungLoad, HungLoads};
 use log_file::{Log, ReadOptions, Wanted, read_logs};
@@ -201,12 +201,17 @@ impl Recalibrated {
             rank: fitted.map_or(0, |of| of.rank),
             condition: fitted.and_then(|of| of.condition),
             train,
-            cross_validation: found.held_out.map(|grouped| CrossValidation {
+            cross_validation: found.held_out.map(|means| CrossValidation {
                 groups: *loads,
                 folds: *loads,
                 rows: errors.rows,
                 undetermined: Vec::new(),
-                grouped,
+                // Held-out loads are means over their rows; a frame also has the noise of a row.
+                grouped: std::array::from_fn(|axis| {
+                    let of_row = train[axis].rms.powi(2) - found.after[axis].powi(2);
+                    let rms = (means[axis].rms.powi(2) + of_row.max(0.0)).sqrt();
+                    HeldOutQuality { rms, ..means[axis] }
+                }),
                 random_folds: 0,
                 random: None,
                 by_fold: Vec::new(),

@@ -16,7 +16,7 @@ use self::search::{ChangeSearch, FoundChange};
 use crate::conversion::{Calibration, Kind};
 use least_squares::validation::cross_validation::HeldOutQuality;
 use sensor_physics::Observation;
-use shell_data::wrench::PerAxis;
+use shell_data::wrench::{Axis, PerAxis};
 
 /// Quantity that may have changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,6 +57,10 @@ const TURN_RAD: f64 = 0.12;
 /// A change of this many standard deviations comes from a wrong load: 0.48 rad, 32 mm, a gain of 64 %, a third of a
 /// channel's range. One in 16,000 sensors would change so much.
 const IMPOSSIBLE: f64 = 4.0;
+
+/// Fewest loads that tell what has changed: three determine the gains of six axes at best, and a fourth is needed to
+/// hold some out.
+const FEWEST_LOADS: usize = 4;
 
 /// Candidate prior widths, as shares of the widest: factors of two suffice, as scatter is known to some 30 % at best.
 const SHARES: [f64; 6] = [0.0, 0.0625, 0.125, 0.25, 0.5, 1.0];
@@ -100,8 +104,21 @@ pub struct Recalibration {
 }
 
 impl Recalibration {
+    /// Returns true if the loads do not support the change: no change of these kinds explains them, or the changed
+    /// calibration predicts held-out loads worse than the old one does, by the mean over the axes.
     pub fn is_contradicted(&self) -> bool {
-        self.disagreement[1] > CONTRADICTION
+        self.disagreement[1] > CONTRADICTION || self.is_worse_held_out()
+    }
+
+    pub fn is_worse_held_out(&self) -> bool {
+        let Some(held_out) = self.held_out.filter(|_| !self.quantities.is_empty()) else {
+            return false;
+        };
+        let ratios = self.calibration.axes.iter().map(Axis::index).map(|axis| {
+            let ratio = held_out[axis].rms / self.before[axis];
+            if ratio.is_finite() { ratio * ratio } else { 1.0 }
+        });
+        ratios.clone().sum::<f64>() > ratios.count() as f64
     }
 }
 
@@ -119,6 +136,10 @@ pub enum RecalibrationError {
     NoErrors,
     #[error("a reading or wrench is not a finite number")]
     NotFinite,
+    #[error(
+        "`{0}` different loads are too few to tell what has changed: hang at least {FEWEST_LOADS}"
+    )]
+    FewLoads(usize),
     #[error("the loads ask for {} that no mounting and no age make", .change.map_or("errors as large as the loads", ChangedQuantity::name))]
     Impossible {
         /// Quantity that would have changed too much; `None` if errors are as large as the loads.
@@ -178,6 +199,10 @@ impl Calibration {
         }
         let is_changed = |of: &ChangedQuantity| shares[*of as usize] > 0.0;
         let quantities: Vec<_> = ChangedQuantity::ALL.into_iter().filter(is_changed).collect();
+        let count = different_loads(observations);
+        if !quantities.is_empty() && count < FEWEST_LOADS {
+            return Err(RecalibrationError::FewLoads(count));
+        }
         let calibration = if quantities.is_empty() { self.clone() } else { change.apply(self) };
         let held_out = (outcome.held_out.len() > 1).then(|| {
             let errors: Vec<_> = (outcome.held_out.iter())
@@ -220,6 +245,15 @@ impl Calibration {
             quantities,
         })
     }
+}
+
+/// Number of different wrenches other than zero.
+fn different_loads(observations: &[Observation]) -> usize {
+    let mut loads: Vec<&PerAxis<f64>> = observations.iter().map(|o| &o.wrench).collect();
+    loads.retain(|wrench| wrench.iter().any(|value| *value != 0.0));
+    loads.sort_by(|a, b| a.partial_cmp(b).expect("finite numbers"));
+    loads.dedup();
+    loads.len()
 }
 
 fn errors(calibration: &Calibration, some: &[&Observation]) -> Vec<PerAxis<f64>> {

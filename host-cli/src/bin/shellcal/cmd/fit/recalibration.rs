@@ -95,7 +95,12 @@ fn report(printer: &Printer, path: &Path, of: &Recalibrated) -> anyhow::Result<(
         print_change(printer, found);
     }
     print_errors(printer, found, axes);
-    if found.is_contradicted() {
+    if found.is_worse_held_out() {
+        printer.warning(format!(
+            "`{name}` predicts loads better than the change does without them; not written: find the wrong load or mass, \
+             hang more loads, or fit anew"
+        ));
+    } else if found.is_contradicted() {
         printer.warning(format!(
             "the loads contradict `{name}` by {} stated errors; not written: find the wrong load, or fit anew",
             significant(found.disagreement[1], 2),
