@@ -124,9 +124,13 @@ impl Begin {
         let framing = protocol.map_or(Some(Framing::Cobs), Protocol::framing);
         let uplink = framing.map(|framing| Uplink { framing, to: EVERY_MODULE });
         let calibration = self.calibration.map(|file| file.parsed(files, CalibrationFile::parse));
-        let forces = calibration.transpose()?.map(|CalibrationFile { calibration, .. }| {
-            LiveForces { calibration, options: ForceOptions::default().with_delay(true) }
-        });
+        let forces =
+            calibration.transpose()?.map(|CalibrationFile { calibration, .. }| LiveForces {
+                calibration,
+                options: ForceOptions::default().with_delay(true),
+                trained: None,
+                tare_doubt: Default::default(),
+            });
         let parse = |bytes: &[u8]| HungLoads::parse(&String::from_utf8_lossy(bytes));
         let plan = self.plan.map(|file| file.parsed(files, parse)).transpose()?;
         let ranges = forces.as_ref().and_then(|forces| forces.calibration.valid_range.clone());

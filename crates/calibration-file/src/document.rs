@@ -359,6 +359,7 @@ mod tests {
                 excitation: None,
                 test_leak: Some(0.5),
                 group_leak: None,
+                not_ok: None,
             }),
             sources: vec![SourceFile {
                 role: Role::Train,

@@ -184,6 +184,11 @@ struct DocumentHeader {
 }
 
 impl CalibrationFile {
+    /// Verdict of the fit, if the calibration was not to be used.
+    pub fn not_ok(&self) -> Option<&str> {
+        self.origin.diagnostics.as_ref()?.not_ok.as_deref()
+    }
+
     /// The unexplained share of the loads' variance, 1 − R² per axis, if known, from the training loads or, for a
     /// physics model, from held-out loads.
     pub fn unexplained(&self) -> Option<PerAxis<f64>> {

@@ -64,6 +64,9 @@ pub struct Diagnostics {
     /// cannot assess new poses.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub group_leak: Option<f64>,
+    /// The verdict of the fit, if it was not to be used; the text begins with `NOT OK`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub not_ok: Option<String>,
 }
 
 impl Diagnostics {

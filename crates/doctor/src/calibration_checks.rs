@@ -46,6 +46,11 @@ pub fn examine_calibration(path: &Path, age: &dyn Fn(&str) -> Option<f64>) -> Ve
     let CalibrationFile { calibration, origin } = &file;
     let (name, channels) = (calibration.name(), calibration.channels());
     let mut findings = vec![Finding::fine("calibration", format!("{name}, {channels} channels"))];
+    if let Some(verdict) = file.not_ok() {
+        let seen = format!("its fit said: {verdict}");
+        let advice = "mend what it names, and fit again";
+        findings.push(Finding::fault("not-ok", seen, advice));
+    }
     match &origin.diagnostics {
         Some(known) => {
             if let Some(polynomial) = calibration.polynomial() {

@@ -22,6 +22,8 @@ pub struct DriftSummary {
     pub first_s: f64,
     /// The middle of the last stationary interval, s.
     pub last_s: f64,
+    /// The time of the last row, s.
+    pub end_s: f64,
     /// The lowest and highest temperature at the stationary intervals; `None` if it is not known.
     pub temperature: Option<[f64; 2]>,
     /// The drift of the wrench, N and N·m, if there was a calibration.
@@ -35,6 +37,17 @@ pub struct DriftSummary {
     /// The readings of each channel at the stationary intervals relative to the first one, with their times.
     #[serde(skip)]
     pub channel_changes: Vec<Vec<(f64, f64)>>,
+}
+
+/// Share of a log at its end that may have no stationary interval: the sensor is picked up or put down there.
+const LATE: f64 = 0.1;
+
+impl DriftSummary {
+    /// Returns true if the last stationary interval is far from the end of the log, so that the zero at the end is
+    /// not known: the sensor is loaded there, or its zero has jumped.
+    pub fn ends_unknown(&self) -> bool {
+        self.end_s - self.last_s > LATE * (self.end_s - self.first_s)
+    }
 }
 
 /// Finds the stationary intervals of a log and the drift of its zero from one to the next, in one pass: for
@@ -59,7 +72,7 @@ pub fn drift(
         check_channels(log, calibration.channels())?;
     }
     let mut finder = StationaryFinder::default();
-    let mut times_s = Vec::new();
+    let (mut times_s, mut end_s) = (Vec::new(), f64::NAN);
     let mut axes: PerAxis<Vec<ZeroEstimate>> = PerAxis::default();
     let mut channels: Vec<Vec<ZeroEstimate>> = vec![Vec::new(); log.channels()];
     // A board sends the temperature only now and then: a value holds until the next one.
@@ -84,6 +97,7 @@ pub fn drift(
                 said.extend(known.map(|value| (block.time_s[row], value)));
                 row += rows;
             }
+            end_s = block.time_s.last().copied().unwrap_or(end_s);
             finder.look_at(&block.time_s, &block.readings, &mut |stationary| {
                 times_s.push(stationary.middle_s());
                 for (zeros, readings) in channels.iter_mut().zip(&stationary.readings) {
@@ -133,6 +147,7 @@ pub fn drift(
         rests: times_s.len(),
         first_s: times_s[0],
         last_s: times_s[times_s.len() - 1],
+        end_s,
         temperature: extremes.map(|(low, high)| [low, high]),
         axes: axis_drifts,
         channels: channel_drifts,

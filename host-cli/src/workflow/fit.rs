@@ -200,6 +200,7 @@ pub fn calibration_file(fit: &Fit, origin: Origin) -> CalibrationFile {
         excitation: fit.excitation.clone(),
         test_leak: fit.leaks.in_test(),
         group_leak: fit.leaks.in_groups(),
+        not_ok: fit.verdict().refusal(),
     };
     CalibrationFile {
         calibration: fit.calibration.clone(),

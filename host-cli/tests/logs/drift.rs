@@ -188,6 +188,18 @@ fn a_still_zero_holds() {
     );
 }
 
+/// A zero that has jumped looks like a load that is held to the end.
+#[test]
+fn a_zero_that_is_not_seen_at_the_end_is_not_called_still() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let held = recorded(sensor(0.0, 1.0, 3), 20.0, |time| time > 10.0);
+    fs::write(folder.join("log.csv"), log(&held, "", |_| String::new())).unwrap();
+    assert_eq!(json(folder, "info log.csv --drift --json")[0]["tare_holds"], Value::Null);
+    let text = program::run(folder, "info log.csv --drift", 0);
+    assert!(text.contains("the zero at the end is not known"), "{text}");
+}
+
 #[test]
 fn logs_too_short_for_a_drift_are_refused() {
     let folder = tempfile::tempdir().unwrap();

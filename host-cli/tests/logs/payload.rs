@@ -148,6 +148,30 @@ fn the_lag_of_a_moving_arm_is_found_under_contact() {
     assert!(said.contains("the lag of the motion uncertain") && said.contains("taken"), "{said}");
 }
 
+/// The sensor is turned through 12 directions in free air. With gravity upwards the weight would be added instead.
+#[test]
+fn a_weight_that_is_added_by_a_wrong_convention_is_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let log = |sign: f64| {
+        let mut log = "t_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm,gx,gy,gz\n".to_owned();
+        for (pose, gravity) in directions(12).enumerate() {
+            let stated = gravity.map(|g| sign * g);
+            writeln!(log, "{pose},{},{}", join(&wrench_in(gravity)), join(&stated)).unwrap();
+        }
+        log
+    };
+    fs::write(dir.path().join("right.csv"), log(1.0)).unwrap();
+    fs::write(dir.path().join("upwards.csv"), log(-1.0)).unwrap();
+    succeed(dir.path(), "payload fit right.csv -o payload.json");
+    for (file, is_told) in [("right.csv", false), ("upwards.csv", true)] {
+        let command = format!(
+            "payload subtract payload.json {file} --orientation gx,gy,gz --no-lowpass -o o.csv"
+        );
+        let (_, said) = ended(dir.path(), &command, 0);
+        assert_eq!(said.contains("--inverse-orientation"), is_told, "{said}");
+    }
+}
+
 #[test]
 fn moments_in_another_unit_are_named() {
     let dir = tempfile::tempdir().unwrap();

@@ -1,8 +1,12 @@
 //! Forces in addition to the readings, by the [force pipeline](forces).
 
+use std::sync::{Arc, OnceLock};
+
 use super::reception::BoardFrame;
 use calibration::Calibration;
 use calibration::memory::{MemoryState, TimeBase};
+use calibration::quality::AxisQuality;
+use calibration::validation::excitation::Excitation;
 use forces::stationary::StationaryFinder;
 use forces::{FirstRows, ForceError, ForceOptions, ForcePipeline, ForceStream, PipelineSetup};
 use shared_proto::CHANNELS;
@@ -21,12 +25,15 @@ pub struct LiveForces {
     pub calibration: Calibration,
     /// The low-pass is always applied forward only.
     pub options: ForceOptions,
+    /// Errors and loads of the training data, if known.
+    pub trained: Option<(PerAxis<AxisQuality>, Excitation)>,
+    /// The reason to doubt that the shell was unloaded during the tare, once the tare is known; shared by all clones.
+    pub tare_doubt: Arc<OnceLock<String>>,
 }
 
 #[derive(Clone, Debug)]
 pub struct RunningForces {
-    calibration: Calibration,
-    options: ForceOptions,
+    live: LiveForces,
     stage: ForceStage,
     memory: Option<MemoryState>,
     /// Finds stationary intervals, if the tare follows them.
@@ -64,13 +71,14 @@ impl RunningForces {
         if channels != CHANNELS {
             return Err(UnsuitableCalibration::Channels(channels));
         }
-        let options = live.options.with_delay(true);
+        let live = LiveForces { options: live.options.with_delay(true), ..live };
+        let options = live.options;
         let finder = options.tare.follows_rests().then(StationaryFinder::default);
         let setup = Box::new(PipelineSetup::while_recording(options));
         let (times_s, readings) = (Vec::new(), vec![Vec::new(); live.calibration.columns()]);
         let stage = ForceStage::Setup { setup, times_s, readings };
         let memory = live.calibration.start_memory();
-        Ok(Self { calibration: live.calibration, options, stage, memory, finder, newest: None })
+        Ok(Self { live, stage, memory, finder, newest: None })
     }
 
     /// Computes the forces of frames that hold readings. Fails with [`ForceError`] if the low-pass is impossible at the
@@ -81,25 +89,25 @@ impl RunningForces {
         if let Some(memory) = &mut self.memory {
             readings.extend(memory.terms(&times_s, &readings).expect("a time for every frame"));
         }
-        let out_of_range = self.calibration.out_of_range(&readings);
+        let out_of_range = self.live.calibration.out_of_range(&readings);
         let first = self.set_up(&times_s, &readings)?;
         let mut wrench = PerAxis::default();
-        self.calibration.wrench(&cut(&readings, 0..first), &mut wrench);
+        self.live.calibration.wrench(&cut(&readings, 0..first), &mut wrench);
         if let (ForceStage::Running { pipeline, stream }, true) =
             (&mut self.stage, first < frames.len())
         {
             let (times_s, readings) = (&times_s[first..], cut(&readings, first..frames.len()));
-            follow(&mut self.finder, pipeline, &self.calibration, times_s, &readings);
-            let tared = pipeline.wrench(&self.calibration, times_s, &readings);
+            follow(&mut self.finder, pipeline, &self.live.calibration, times_s, &readings);
+            let tared = pipeline.wrench(&self.live.calibration, times_s, &readings);
             let filtered = stream.push(times_s, tared)?;
             wrench.iter_mut().zip(filtered).for_each(|(wrench, rest)| wrench.extend(rest));
         }
-        let needs_tare = self.options.tare != forces::TareRule::Untared;
+        let needs_tare = self.live.options.tare != forces::TareRule::Untared;
         let forces = out_of_range.into_iter().enumerate().map(|(row, out_of_range)| Force {
             wrench: wrench.each_ref().map(|axis| axis[row]),
             out_of_range,
             untared: row < first && needs_tare,
-            unfiltered: row < first && self.options.low_pass.is_some(),
+            unfiltered: row < first && self.live.options.low_pass.is_some(),
         });
         let forces: Vec<Force> = forces.collect();
         self.newest = forces.last().map(|force| force.wrench).or(self.newest);
@@ -112,17 +120,17 @@ impl RunningForces {
             ForceStage::Setup { .. } => None,
             ForceStage::Running { pipeline, .. } => pipeline.tare.as_ref(),
         };
-        self.calibration.standard_errors(&columns(frames), tare)
+        self.live.calibration.standard_errors(&columns(frames), tare)
     }
 
     /// Converts a frame's time, µs, to the time of its force on the reference's clock.
     pub fn moved_us(&self, time_us: i64) -> i64 {
-        let lag = self.calibration.lag.filter(|lag| lag.time_base == TimeBase::Seconds);
+        let lag = self.live.calibration.lag.filter(|lag| lag.time_base == TimeBase::Seconds);
         time_us + lag.map_or(0, |lag| (lag.by * 1e6).round() as i64)
     }
 
     pub fn axes(&self) -> Axes {
-        self.calibration.axes
+        self.live.calibration.axes
     }
 
     pub fn newest(&self) -> Option<AxisValues<f64>> {
@@ -139,16 +147,21 @@ impl RunningForces {
         while row < times_s.len() && !setup.is_done() {
             let (times_s, readings) = (&times_s[row..=row], cut(readings, row..row + 1));
             let rows = FirstRows { times_s, readings: &readings, fresh: &[true], leg: None };
-            setup.look_at(&self.calibration, rows);
+            setup.look_at(&self.live.calibration, rows);
             kept_s.extend_from_slice(times_s);
             kept.iter_mut().zip(readings).for_each(|(kept, reading)| kept.extend(reading));
             row += 1;
         }
         if setup.is_done() {
-            let mut pipeline = setup.as_ref().clone().finish(&self.calibration)?;
-            follow(&mut self.finder, &mut pipeline, &self.calibration, kept_s, kept);
+            let mut pipeline = setup.as_ref().clone().finish(&self.live.calibration)?;
+            follow(&mut self.finder, &mut pipeline, &self.live.calibration, kept_s, kept);
+            let known = self.live.trained.as_ref().zip(pipeline.tare_result.as_ref());
+            if let Some(doubt) = known.and_then(|((errors, loads), tare)| tare.doubt(errors, loads))
+            {
+                self.live.tare_doubt.get_or_init(|| doubt);
+            }
             let mut stream = pipeline.stream(&Axis::ALL);
-            stream.push(kept_s, pipeline.wrench(&self.calibration, kept_s, kept))?;
+            stream.push(kept_s, pipeline.wrench(&self.live.calibration, kept_s, kept))?;
             let (pipeline, stream) = (Box::new(pipeline), Box::new(stream));
             self.stage = ForceStage::Running { pipeline, stream };
         }

@@ -139,10 +139,15 @@ impl Verdict<'_> {
         faults.filter(|fault| fault.place == place).map(|fault| fault.text.as_str()).next()
     }
 
+    /// First reason not to use the fit, as a headline.
+    pub fn refusal(&self) -> Option<String> {
+        self.reasons().first().map(|reason| format!("NOT OK{reason}"))
+    }
+
     /// Says how to use the fit, or the first reason not to use it.
     pub fn headline(&self) -> String {
-        if let Some(reason) = self.reasons().first() {
-            return format!("NOT OK{reason}");
+        if let Some(refusal) = self.refusal() {
+            return refusal;
         }
         if self.unseen.is_none() {
             let reason = match &self.fit.not_judged {

@@ -110,7 +110,7 @@ impl Certificate<'_> {
     pub fn html(&self) -> String {
         let mut facts = facts(self.name, self.file);
         facts.push(("checksum of the file", self.checksum.to_owned()));
-        let facts = facts_table("The calibration", &facts);
+        let facts = self.warnings() + &facts_table("The calibration", &facts);
         let sections = [
             ("sensor", "The sensor and its calibration", facts),
             ("loads", "Loads that were calibrated", self.loads()),
@@ -119,6 +119,18 @@ impl Certificate<'_> {
             ("origin", "Traceability", self.origin()),
         ];
         page(self.heading, &self.heading.made(), &sections, None)
+    }
+
+    /// Reasons not to use the calibration: the verdict of its fit, and check weights that are off.
+    fn warnings(&self) -> String {
+        let verdict = self.file.not_ok().map(str::to_owned);
+        let off = self.weights.iter().filter(|of| !of.off.is_empty());
+        let off: Vec<&str> = off.map(|of| of.group.as_str()).collect();
+        let weights =
+            (!off.is_empty()).then(|| format!("NOT OK: check weights are off: {}", off.join(", ")));
+        let warning =
+            |text: String| format!("<p class=\"warning\"><strong>{}</strong></p>\n", escape(&text));
+        verdict.into_iter().chain(weights).map(warning).collect()
     }
 
     fn loads(&self) -> String {

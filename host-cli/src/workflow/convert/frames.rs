@@ -8,6 +8,7 @@ use calibration::memory::TimeBase;
 use forces::ForcePipeline;
 use shell_data::Converter;
 use shell_data::block::Block;
+use shell_data::statistics::RunningVariance;
 use shell_data::wrench::PerAxis;
 
 /// Consecutive frames, column by column. Columns that were not requested are empty.
@@ -33,9 +34,24 @@ pub(super) struct ConvertedRows {
     pub(super) written: Vec<bool>,
     /// The frames to be written, without wrenches if they are still to be filtered.
     pub(super) frames: ConvertedFrames,
-    pub(super) without_motion: u64,
+    pub(super) taken_off: TakenOff,
     /// Times (s) and readings of the fresh frames in which the zero is watched, if it is.
     pub(super) watched: Option<WatchedFrames>,
+}
+
+/// Rows from which a load was subtracted.
+#[derive(Debug, Default)]
+pub(super) struct TakenOff {
+    pub(super) rows_without_motion: u64,
+    /// Scatter of the wrench with the load.
+    pub(super) before: PerAxis<RunningVariance>,
+}
+
+impl TakenOff {
+    pub(super) fn merge(&mut self, other: &Self) {
+        self.rows_without_motion += other.rows_without_motion;
+        self.before.iter_mut().zip(&other.before).for_each(|(all, one)| all.merge(one));
+    }
 }
 
 type WatchedFrames = (Vec<f64>, Vec<Vec<f64>>);
@@ -74,10 +90,10 @@ impl FrameConverter<'_> {
         self.options.rows.select(block);
         let watched = self.watched(block, is_fresh.as_deref());
         let mut wrench = self.pipeline.wrench(self.calibration, &block.time_s, &block.readings);
-        let without_motion = self.take_off_load(&block.time_s, &mut wrench);
+        let taken_off = self.take_off_load(&block.time_s, &mut wrench);
         self.options.frame.iter().for_each(|change| change.apply(&mut wrench));
         let frames = ConvertedFrames { wrench, ..self.frames(block) };
-        ConvertedRows { frames, without_motion, watched, ..ConvertedRows::default() }
+        ConvertedRows { frames, taken_off, watched, ..ConvertedRows::default() }
     }
 
     /// Passes every row to the filter, but converts each frame only once.
@@ -94,7 +110,7 @@ impl FrameConverter<'_> {
         let frame_of_row: Vec<usize> = is_new.iter().map(number).collect();
         let frames = (&*block.kept(&is_new).readings, &*frame_of_row);
         let mut wrench = self.pipeline.wrench_of_rows(self.calibration, &time_s, frames);
-        let without_motion = self.take_off_load(&time_s, &mut wrench);
+        let taken_off = self.take_off_load(&time_s, &mut wrench);
         self.options.frame.iter().for_each(|change| change.apply(&mut wrench));
         let watched = self.watched(block, (self.watch == Some(false)).then_some(&fresh));
         self.options.rows.select(block);
@@ -103,7 +119,7 @@ impl FrameConverter<'_> {
             RowFilter::Fresh => fresh,
             RowFilter::All => vec![true; fresh.len()],
         };
-        ConvertedRows { time_s, wrench, written, frames, without_motion, watched }
+        ConvertedRows { time_s, wrench, written, frames, taken_off, watched }
     }
 
     /// The rows of a block in which the zero is watched, if it is: those for which `is_fresh` is true, or all.
@@ -114,10 +130,12 @@ impl FrameConverter<'_> {
         Some((rows.time_s.clone(), rows.channels().to_vec()))
     }
 
-    /// Subtracts the carried load; returns the number of rows at which it is not known.
-    fn take_off_load(&self, times_s: &[f64], wrench: &mut PerAxis<Vec<f64>>) -> u64 {
-        let load = self.options.load.as_ref();
-        load.map_or(0, |load| load.subtract(times_s, &self.zero, wrench))
+    /// Subtracts the carried load, if there is one.
+    fn take_off_load(&self, times_s: &[f64], wrench: &mut PerAxis<Vec<f64>>) -> TakenOff {
+        let Some(load) = &self.options.load else { return TakenOff::default() };
+        let before = wrench.each_ref().map(|column| RunningVariance::new(column));
+        let rows_without_motion = load.subtract(times_s, &self.zero, wrench);
+        TakenOff { rows_without_motion, before }
     }
 
     /// Converts the times of rows (s), or their numbers, to the time stamps of their forces.

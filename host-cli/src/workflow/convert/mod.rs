@@ -23,8 +23,8 @@ pub use options::{
     Conversion, ConvertOptions, DEFAULT_FRAME_ID, FrameMount, OutputFormat, OutputPlan,
     RecordingFrame, TableColumns, table_name,
 };
-use summary::Totals;
 pub use summary::{AxisSummary, ConvertSummary, LagMadeUp, LagRule, LoadSummary};
+use summary::{Totals, standard_deviation};
 
 use super::selection::{RowFilter, fresh_rows, passed, read_with_memory};
 use super::{WorkflowError, check_channels};
@@ -38,7 +38,7 @@ use forces::payload::Inertia;
 use forces::sampling::Sampling;
 use forces::stationary::ZeroWatch;
 use forces::{FirstRows, ForceError, ForcePipeline, FrameChange, PipelineSetup, TareRule};
-use frames::FrameConverter;
+use frames::{FrameConverter, TakenOff};
 use log_file::Wanted;
 use shell_data::wrench::{Axis, PerAxis};
 use table::{ROW_COLUMN, TIME_COLUMN, WrenchTable};
@@ -148,7 +148,7 @@ pub fn convert(
         axes: calibration.axes,
         totals: Totals { scatter, ..Totals::default() },
     };
-    let mut rows_without_motion = 0;
+    let mut taken_off = TakenOff::default();
     let summary = read_with_memory(
         log,
         (&wanted, &read),
@@ -160,7 +160,7 @@ pub fn convert(
             (rows, encoded)
         },
         |(rows, encoded)| {
-            rows_without_motion += rows.without_motion;
+            taken_off.merge(&rows.taken_off);
             if let Some((times_s, readings)) = &rows.watched {
                 zero_watch.look_at(times_s, readings);
             }
@@ -199,8 +199,11 @@ pub fn convert(
             rescaled: load.rescaled,
             lag: load.lag,
             lag_taken_s: load.lag.map(|lag| lag.taken_s()),
-            rows_without_motion,
+            rows_without_motion: taken_off.rows_without_motion,
             standard_deviation: calibration.axes.values(&totals.standard_deviation()),
+            standard_deviation_before: calibration
+                .axes
+                .values(&taken_off.before.map(|scatter| standard_deviation(&scatter))),
         }),
     })
 }

@@ -190,7 +190,27 @@ pub struct LoadSummary {
     /// Standard deviation of the remaining wrench, N and N·m.
     #[serde(serialize_with = "by_column")]
     pub standard_deviation: AxisValues<f64>,
+    /// Standard deviation of the wrench with the load, before the low-pass, N and N·m.
+    #[serde(serialize_with = "by_column")]
+    pub standard_deviation_before: AxisValues<f64>,
 }
+
+impl LoadSummary {
+    /// Standard deviations of the forces with the load and without it, N, root sums of squares over the axes, if they
+    /// are larger without it.
+    pub fn scatters_more(&self) -> Option<[f64; 2]> {
+        let forces = |of: &AxisValues<f64>| {
+            let forces = of.iter().filter(|(axis, _)| !axis.is_moment());
+            forces.map(|(_, sd)| sd * sd).sum::<f64>().sqrt()
+        };
+        let [before, after] =
+            [&self.standard_deviation_before, &self.standard_deviation].map(forces);
+        (after > WORSE * before).then_some([before, after])
+    }
+}
+
+/// Noise of the orientation makes the forces of a sensor that is held still scatter by a little more.
+const WORSE: f64 = 1.05;
 
 fn is_zero(count: &u64) -> bool {
     *count == 0
@@ -243,10 +263,7 @@ impl Totals {
 
     /// The standard deviation; zero if it was not requested.
     pub(super) fn standard_deviation(&self) -> PerAxis<f64> {
-        self.scatter.unwrap_or_default().map(|scatter| match scatter.count {
-            0 => 0.0,
-            _ => scatter.rms_about_mean(),
-        })
+        self.scatter.unwrap_or_default().map(|scatter| standard_deviation(&scatter))
     }
 
     pub(super) fn axes(&self) -> PerAxis<AxisSummary> {
@@ -255,4 +272,8 @@ impl Totals {
             AxisSummary { min, mean: sum / self.frames.max(1) as f64, max }
         })
     }
+}
+
+pub(super) fn standard_deviation(scatter: &RunningVariance) -> f64 {
+    if scatter.count == 0 { 0.0 } else { scatter.rms_about_mean() }
 }

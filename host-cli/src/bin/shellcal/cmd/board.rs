@@ -149,7 +149,7 @@ impl BoardArgs {
             BoardAction::Bootloader => start_bootloader(&mut self.client(port)?, port, printer)?,
             BoardAction::Upload { calibration, edited } => {
                 // Read the file before opening the port: an unusable file changes nothing.
-                let calibration = for_board(&edited.read(calibration)?.calibration)?;
+                let calibration = for_board(&edited.usable(calibration, printer)?.calibration)?;
                 let crc = self.client(port)?.upload(&calibration)?;
                 printer.note(format!("the board has kept the calibration, CRC-32 {crc:#010x}"));
             }

@@ -118,7 +118,7 @@ const COLUMNS: [&str; 9] = ["t", "fx", "fy", "fz", "mx", "my", "mz", "se", "flag
 impl ConvertArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let targets = self.targets(printer)?;
-        let file = self.edited.read(&self.calibration)?;
+        let file = self.edited.usable(&self.calibration, printer)?;
         let from = Some((&self.calibration, &file));
         let logs = self.mapping.open(&self.logs, &[], from, printer)?;
         let (calibration, diagnostics) = (file.calibration, file.origin.diagnostics);

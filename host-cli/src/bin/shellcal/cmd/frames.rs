@@ -1,6 +1,8 @@
 //! Options of every command that applies a calibration: the frames of a log to use, and the processing of
 //! readings to forces, also in live streams.
 
+use std::sync::Arc;
+
 use board_link::recording::LiveForces;
 use forces::{DEFAULT_TARE_FRAMES, ForceOptions, LowPass, RowRule, TareRule};
 use log_file::Log;
@@ -191,7 +193,9 @@ impl LiveForceArgs {
             );
             return Ok(None);
         };
-        let calibration = self.edited.read(path)?.calibration;
+        let file = self.edited.usable(path, printer)?;
+        let trained =
+            file.origin.diagnostics.and_then(|trained| Some((trained.train, trained.excitation?)));
         let forces = ForceArgs {
             zero: self.zero,
             low_pass: self.low_pass,
@@ -200,7 +204,15 @@ impl LiveForceArgs {
         };
         let options = forces.options(RowRule::Time);
         printer.note(describe_forces(&options));
-        Ok(Some(LiveForces { calibration, options }))
+        let calibration = file.calibration;
+        Ok(Some(LiveForces { calibration, options, trained, tare_doubt: Arc::default() }))
+    }
+}
+
+/// Prints a warning if the shell was loaded during the tare of a recording.
+pub(crate) fn warn_of_tare(forces: Option<&LiveForces>, printer: &Printer) {
+    if let Some(doubt) = forces.and_then(|forces| forces.tare_doubt.get()) {
+        printer.warning(format!("{doubt}; unload the shell and start again"));
     }
 }
 

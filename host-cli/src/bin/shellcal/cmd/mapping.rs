@@ -175,6 +175,19 @@ impl EditedArg {
         if self.edited { CalibrationFile::read_edited(path) } else { CalibrationFile::read(path) }
     }
 
+    /// Reads a calibration that is going to be used, and warns if its fit said that it should not be.
+    pub(crate) fn usable(
+        self,
+        path: &Path,
+        printer: &Printer,
+    ) -> Result<CalibrationFile, CalibrationFileError> {
+        let file = self.read(path)?;
+        if let Some(verdict) = file.not_ok() {
+            printer.warning(format!("`{}`: its fit said: {verdict}", path.display()));
+        }
+        Ok(file)
+    }
+
     pub(crate) fn partial(self, path: &Path) -> Result<PartialFit, CalibrationFileError> {
         if self.edited { PartialFit::read_edited(path) } else { PartialFit::read(path) }
     }

@@ -10,7 +10,7 @@ use reference_sensor::ReferenceSource;
 use shell_data::wrench::Axis;
 use shellcal::workflow::live::clock;
 
-use super::frames::LiveForceArgs;
+use super::frames::{LiveForceArgs, warn_of_tare};
 use super::outputs::ReplacingArgs;
 use super::ports::SourceArgs;
 use super::quality::by_unit;
@@ -136,6 +136,7 @@ impl RecordArgs {
         // Finish the stream first, so that the log is reported even if the stream failed.
         let streamed = stream::finish(printer, streamed.as_ref());
         let recorded = recorded?;
+        warn_of_tare(options.forces.as_ref(), printer);
         if recorded.boards.len() > 1 && self.forces.is_given() {
             printer.warning(
                 "only the first board's log has forces: a calibration is for one sensor; convert the others",

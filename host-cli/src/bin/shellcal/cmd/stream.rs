@@ -20,7 +20,7 @@ use log_file::Log;
 use shellcal::workflow::live::play;
 
 use super::choices::{number_in, number_within, one_of};
-use super::frames::LiveForceArgs;
+use super::frames::{LiveForceArgs, warn_of_tare};
 use super::mapping::MappingArgs;
 use super::outputs::ReplacingArgs;
 use super::ports::{Recipient, SourceArgs, is_port};
@@ -127,6 +127,7 @@ impl StreamArgs {
             "`--latency` is for a port: what is in a log has long been measured"
         );
         let forces = self.forces.read(printer)?;
+        let known = forces.clone();
         let log = from_log.then(|| Log::open(&self.name, &self.mapping.mapping())).transpose()?;
         let stop = signals::stop_flag()?;
         let port = self.source.serial.port(&self.name.to_string_lossy());
@@ -149,6 +150,7 @@ impl StreamArgs {
             (None, None) => Ok(()),
         };
         let summary = finish(printer, Some(&handle))?;
+        warn_of_tare(known.as_ref(), printer);
         let latency = summary.and_then(|summary| summary.latency).filter(|_| self.latency);
         latency.iter().for_each(|latency| printer.note(latency.to_string()));
         ended

@@ -34,8 +34,11 @@ impl InfoArgs {
         let documents = drifts.iter().map(|(log, summary)| {
             document! {
                 log,
-                // True if a tare at the start holds to the end.
-                tare_holds: moved(summary).is_none(),
+                // True if a tare at the start holds to the end; null if the zero at the end is not known.
+                tare_holds: match moved(summary) {
+                    Some(_) => Some(false),
+                    None => (!summary.ends_unknown()).then_some(true),
+                },
                 ..summary: summary,
             }
         });
@@ -105,6 +108,10 @@ fn print(printer: &Printer, log: &str, summary: &DriftSummary) {
         None => {}
     }
     printer.line(match moved(summary) {
+        None if summary.ends_unknown() => format!(
+            "no zero moves beyond its noise until {last_s:.1} s, the zero at the end is not known: from then on \
+             the sensor is loaded, or its zero has jumped"
+        ),
         None => "a tare at the start holds to the end: no zero moves beyond its noise".to_owned(),
         Some((i, ZeroChange { change, noise, .. })) => {
             let (name, unit, decimals, _) = &quantities[i];

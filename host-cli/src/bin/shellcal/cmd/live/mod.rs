@@ -27,7 +27,7 @@ use serde_json::json;
 use shell_data::wrench::Axes;
 use shellcal::workflow::live::{Feed, LiveSession, LogSeries, play};
 
-use super::frames::LiveForceArgs;
+use super::frames::{LiveForceArgs, warn_of_tare};
 use super::mapping::MappingArgs;
 use super::outputs::ReplacingArgs;
 use super::ports::{SourceArgs, is_port};
@@ -133,6 +133,7 @@ impl LiveArgs {
         let first =
             logs.as_mut().filter(|_| self.output.is_some()).map(LogSeries::begin).transpose()?;
         let calibrated = forces.as_ref().map(|forces| forces.calibration.axes);
+        let known = forces.clone();
         let (frames, recorded) = match is_port {
             true => (self.record(&name, forces, first, watcher, feed.clone())?, Axes::ALL),
             false => self.play(watcher, feed.clone())?,
@@ -146,6 +147,7 @@ impl LiveArgs {
         };
         let ended = show(printer, &mut session, (frames, done), browser, &is_over)?;
         let streamed = stream::finish(printer, streamed.as_ref());
+        warn_of_tare(known.as_ref(), printer);
         for line in session.report() {
             if printer.json() { printer.note(line) } else { printer.line(line) }
         }

@@ -162,6 +162,13 @@ impl MotionArgs {
             )),
             None => {}
         }
+        if let Some([before, after]) = load.scatters_more() {
+            printer.warning(format!(
+                "`{path}`: the forces scatter by {after:.3} N without the weight, and by {before:.3} N with it: \
+                 unless contact carried the weight, the orientation has another convention \
+                 (`--inverse-orientation`, `--orientation-as`) or belongs to another run"
+            ));
+        }
         if load.rows_without_motion > 0 {
             printer.warning(format!(
                 "`{path}`: {} rows are far from any sample of the motion: the nearest is held there",
