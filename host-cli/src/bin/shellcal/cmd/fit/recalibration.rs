@@ -97,8 +97,7 @@ fn report(printer: &Printer, path: &Path, of: &Recalibrated) -> anyhow::Result<(
     print_errors(printer, found, axes);
     if found.is_worse_held_out() {
         printer.warning(format!(
-            "`{name}` predicts loads better than the change does without them; not written: find the wrong load or mass, \
-             hang more loads, or fit anew"
+            "not written: `{name}` has smaller errors on held-out loads; find the wrong load, or hang more"
         ));
     } else if found.is_contradicted() {
         printer.warning(format!(

@@ -164,10 +164,11 @@ impl MotionArgs {
         }
         if let Some([before, after]) = load.scatters_more() {
             printer.warning(format!(
-                "`{path}`: the forces scatter by {after:.3} N without the weight, and by {before:.3} N with it: \
-                 unless contact carried the weight, the orientation has another convention \
-                 (`--inverse-orientation`, `--orientation-as`) or belongs to another run"
+                "`{path}`: forces scatter by {after:.3} N without the weight, by {before:.3} N with it"
             ));
+            printer.note(
+                "unless contact carried the weight: another `--orientation-as` or `--inverse-orientation`?",
+            );
         }
         if load.rows_without_motion > 0 {
             printer.warning(format!(
