@@ -156,7 +156,7 @@ fn a_board_is_named_started_shown_and_stopped() {
 
 #[test]
 fn loads_that_are_held_are_labelled_while_a_log_is_made_and_ended() {
-    let plan = b"group,force_n,direction\nahead,1.5,+x\nastern,1.5,-x\n";
+    let plan = b"group,force_n,x_mm,y_mm,z_mm,direction\nahead,1.5,0,0,0,+x\nastern,1.5,0,0,0,-x\n";
     let mut page = begin(json!({ "plan": { "name": "plan.csv", "file": 0 } }), &[plan]).unwrap();
     // No load, a load for 5 s, none for 3 s, another.
     let noise = |n: u16| [16_000, 16_016, 15_984][usize::from(n % 3)];

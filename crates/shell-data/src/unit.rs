@@ -21,6 +21,10 @@ pub enum Quantity {
     Angle,
     /// Acceleration, m/s².
     Acceleration,
+    /// Mass, kg.
+    Mass,
+    /// Length, m.
+    Length,
 }
 
 impl Quantity {
@@ -36,6 +40,8 @@ impl Quantity {
             Self::Time => "s, ms, µs, ns, min, h",
             Self::Angle => "rad, mrad, deg",
             Self::Acceleration => "m/s², g, mg",
+            Self::Mass => "kg, g, mg, lb, oz",
+            Self::Length => "mm, cm, m, in, ft",
         }
     }
 
@@ -46,6 +52,8 @@ impl Quantity {
             Self::Time => TIME,
             Self::Angle => ANGLE,
             Self::Acceleration => ACCELERATION,
+            Self::Mass => MASS,
+            Self::Length => LENGTH,
         }
     }
 }

@@ -62,7 +62,7 @@ fn after_a_session_the_error_is_predicted_and_the_plan_ends_where_it_is_small_en
 fn impossible_plans_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     let rig = dir.path().join("rig.csv");
-    fs::write(&rig, "mass_kg,x_mm\n0.1,1\nO.2,1\n").unwrap();
+    fs::write(&rig, "mass_kg,x_mm,y_mm,z_mm\n0.1,1,0,0\nO.2,1,0,0\n").unwrap();
     for (arguments, message) in [
         ("plan", "no loads given"),
         ("plan --rig rig.csv", "`rig.csv`: line 3, column `mass_kg`: `O.2` is not a number"),

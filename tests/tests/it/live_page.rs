@@ -206,7 +206,7 @@ fn a_sitting_is_led_load_by_load() {
     let chromium = chromium::find().unwrap();
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
-    let rig = "group,force_n,direction\nahead,1.5,+x\nastern,1.5,-x\nless,1,+x\n";
+    let rig = "group,force_n,x_mm,y_mm,z_mm,direction\nahead,1.5,0,0,0,+x\nastern,1.5,0,0,0,-x\nless,1,0,0,0,+x\n";
     std::fs::write(dir.join("rig.csv"), rig).unwrap();
     let hung = Arc::default();
     let board = Load::Commanded(Arc::clone(&hung));

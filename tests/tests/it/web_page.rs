@@ -374,7 +374,11 @@ fn a_board_is_shown_and_its_log_equals_that_of_record() {
 fn the_page_leads_through_planned_loads() {
     let dir = tempfile::tempdir().unwrap();
     let plan = dir.path().join("plan.csv");
-    fs::write(&plan, "group,force_n,direction\nahead,1.5,+x\nastern,1.5,-x\n").unwrap();
+    fs::write(
+        &plan,
+        "group,force_n,x_mm,y_mm,z_mm,direction\nahead,1.5,0,0,0,+x\nastern,1.5,0,0,0,-x\n",
+    )
+    .unwrap();
     // 3 s unloaded, a load for 5 s, 3 s unloaded, another load.
     let sample = |sequence: u16| Sample {
         sequence,
