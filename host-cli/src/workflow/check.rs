@@ -5,14 +5,18 @@ use super::gates::{Gate, GateFailure};
 use super::hung_loads::{axes_to_compare, gate_of_loads, hung_rows, stated};
 use super::recalibration::known_errors;
 use super::{WorkflowError, check_channels};
+use calibration::Calibration;
 use calibration::physics::COVERAGE_LEVEL;
+use calibration::quality::significant;
 use calibration::uncertainty::HALF_WIDTH;
 use calibration_file::CalibrationFile;
 use forces::payload::{Vector, norm};
 use load_table::{HungLoad, HungLoads};
 use log_file::{Log, ReadOptions};
 use report::CheckedLoad;
+use shell_data::converter::Converter;
 use shell_data::dataset::Dataset;
+use shell_data::hint::quoted;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
 /// Largest allowed difference, as a multiple of the half-width of the 95 % interval: three standard errors. A
@@ -98,7 +102,26 @@ pub fn check_weights(
     let weights = table.loads().iter().filter(|load| !is_unloaded(load));
     let loads: Vec<CheckedLoad> = weights.filter_map(compare).collect();
     let cannot_tell = loads.iter().all(|of| of.cannot_tell);
+    let converter = converter(calibration);
     for (load, subject) in table.loads().iter().zip(gate.subjects()) {
+        let name = &load.group;
+        let ended =
+            converter.map_or_else(Vec::new, |of| channels_at_end(&readings_at(&data, load), of));
+        subject.lacks(if ended.is_empty() { Axes::NONE } else { Axes::ALL }, |axes| {
+            let channels = quoted(ended, ", ");
+            format!(
+                "{axes} of load `{name}`, at which {channels} is at an end of the converter's range"
+            )
+        });
+        for axis in axes_outside(file, load).iter() {
+            subject.lacks([axis].into_iter().collect(), |_| {
+                let value = significant(load.wrench()[axis.index()], 3);
+                let [least, most] = calibrated(file, axis).unwrap_or_default();
+                let [least, most] = [least, most].map(|end| significant(end, 3));
+                let unit = axis.unit();
+                format!("{axis} of load `{name}`, {value} {unit}: the calibration is for {least} to {most} {unit}", axis = axis.name())
+            });
+        }
         if cannot_tell && !is_unloaded(&load) {
             let name = &load.group;
             subject.lacks(Axes::ALL, |axes| format!("{axes} of load `{name}`, which is too light"));
@@ -108,6 +131,45 @@ pub fn check_weights(
         subject.compare(|_| (!off.is_empty()).then_some(GateFailure::Off { axes: off, name }));
     }
     Ok(CheckedWeights { loads, gate })
+}
+
+/// The loads of an axis in the training data, with no load, N or N·m.
+fn calibrated(file: &CalibrationFile, axis: Axis) -> Option<[f64; 2]> {
+    let excitation = file.origin.diagnostics.as_ref()?.excitation.as_ref()?;
+    let of = excitation.axes[axis.index()];
+    Some([of.min.min(0.0), of.max.max(0.0)])
+}
+
+/// Calibrated axes on which a load is outside the range of the training data by more than its error and a tenth of
+/// that range: nothing is known there, so agreement and difference mean nothing.
+fn axes_outside(file: &CalibrationFile, load: &HungLoad) -> Axes {
+    const BEYOND: f64 = 0.1;
+    let (wrench, errors) = (load.wrench(), stated(load, &[]).standard_errors());
+    let is_outside = |axis: &Axis| {
+        calibrated(file, *axis).is_some_and(|[least, most]| {
+            let (value, error) = (wrench[axis.index()], HALF_WIDTH * errors[axis.index()]);
+            let beyond = (value - most).max(least - value);
+            beyond > error.max(BEYOND * (most - least))
+        })
+    };
+    file.calibration.axes.iter().filter(is_outside).collect()
+}
+
+/// The converter of the training data; `None` for readings in volts.
+fn converter(calibration: &Calibration) -> Option<Converter> {
+    let ranges = calibration.valid_range.as_ref()?;
+    let least = ranges.iter().map(|range| range.min).fold(f64::INFINITY, f64::min);
+    let most = ranges.iter().map(|range| range.max).fold(f64::NEG_INFINITY, f64::max);
+    Converter::of_extremes(least, most)
+}
+
+/// Names of the channels with most readings at an end of the converter's range.
+fn channels_at_end(readings: &[Vec<f64>], converter: Converter) -> Vec<String> {
+    let is_at_end = |(_, column): &(usize, &Vec<f64>)| {
+        2 * column.iter().filter(|reading| converter.is_at_end(**reading)).count() > column.len()
+    };
+    let ended = readings.iter().enumerate().filter(is_at_end);
+    ended.map(|(channel, _)| format!("s{}", channel + 1)).collect()
 }
 
 /// The angle between two forces of about the same size, degrees, if it exceeds the allowed difference.
