@@ -34,6 +34,9 @@ impl DocumentKind {
 
     fn check(self, first: &[u8]) -> Result<(), &'static str> {
         match self {
+            DocumentKind::Text if first.starts_with(b"PK\x03\x04") => {
+                Err("it is a workbook or an archive: save the table as CSV")
+            }
             DocumentKind::Json | DocumentKind::Text if first.contains(&0) => Err("it is not text"),
             DocumentKind::Matrix if first.starts_with(&[0; 16]) => Err("it is empty but for zeros"),
             _ => Ok(()),

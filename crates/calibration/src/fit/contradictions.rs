@@ -92,6 +92,7 @@ pub(super) fn find(fit: &Fit, workers: Workers<'_>) -> Result<Vec<String>, FitEr
         Warning::MomentUnit(lever_m) => {
             Some(format!("moments / forces = {lever_m:.1} m: moments are probably in mN·m"))
         }
+        Warning::PointUnit(_) => Some(warning.to_string()),
         _ => None,
     }));
     Ok(found)

@@ -236,16 +236,17 @@ impl Fit {
             used,
             ..self
         };
-        fitted.warn();
+        fitted.warn(options.stated_loads.is_some());
         fitted
     }
 
-    fn warn(&mut self) {
+    fn warn(&mut self, are_hung: bool) {
         let test = self.test();
         let lever_m = self.excitation.as_ref().and_then(Excitation::lever_m);
         let lever_m = lever_m.filter(|_| self.calibration.axes.are_all());
         let is_long = |lever_m: &f64| *lever_m > LONGEST_LEVER_M;
-        self.warnings.extend(lever_m.filter(is_long).map(Warning::MomentUnit));
+        let warning = if are_hung { Warning::PointUnit } else { Warning::MomentUnit };
+        self.warnings.extend(lever_m.filter(is_long).map(warning));
         self.warnings.extend(self.leaks.in_test().map(Warning::TestLeaks));
         self.warnings.extend(self.leaks.in_groups().map(Warning::GroupsLeak));
         if let Some(solution) = self.solution() {

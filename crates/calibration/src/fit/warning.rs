@@ -60,6 +60,11 @@ pub enum Warning {
          columns"
     )]
     MomentUnit(f64),
+    /// A lever this long, m, in a table of hung loads.
+    #[error(
+        "moments / forces = {0:.1} m: the points of the loads are probably in mm: name `x_mm`, `y_mm`, `z_mm`"
+    )]
+    PointUnit(f64),
     /// Numbered from 0.
     #[error("left out, because they never change: {}", names(.0))]
     DeadChannels(Vec<usize>),
