@@ -165,6 +165,18 @@ impl Guide {
         self.next
     }
 
+    /// Returns the mean readings without a load at the start.
+    pub fn unloaded_readings(&self) -> Option<[f64; CHANNELS]> {
+        self.unloaded.map(|(means, _)| means)
+    }
+
+    /// Begins again with the time without a load.
+    pub fn forget_unloaded(&mut self) {
+        self.unloaded = None;
+        self.time_block.clear();
+        self.await_load(self.phase == GuidePhase::Done);
+    }
+
     /// Returns the newest readings and wrench, if the sensor is unloaded and still.
     pub fn unloaded_values(&self) -> Option<UnloadedValues> {
         let (unloaded, noise) = self.unloaded?;

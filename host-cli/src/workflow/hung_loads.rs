@@ -4,14 +4,15 @@
 //! logs ─▶ rows labelled by load ─▶ wrench as stated ─▶ loads corrected by the readings ─▶ rows to fit to
 //! ```
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::Arc;
 
 use super::WorkflowError;
 use super::fit::FitData;
 use super::gates::{Gate, GateSubject};
+use super::sitting::{Estimate, WrongLoad};
 use calibration::FitError;
-use calibration::fit::label_loads;
+use calibration::fit::{Workers, label_loads};
 use calibration::physics::uncertain_loads::{
     CorrectedLoad, CorrectedLoads, StatedLoad, correct_loads,
 };
@@ -29,6 +30,10 @@ const MOUNTING_M: f64 = 3e-3;
 pub struct HungReference {
     /// The loads with readings, in the order of the table.
     pub loads: Vec<HungLoad>,
+    /// Number of different loads; those that are the same are one group of rows.
+    pub distinct: usize,
+    /// Mean readings at the loads.
+    readings: Vec<Vec<f64>>,
     pub corrected: CorrectedLoads,
     /// Labels of the mountings whose offsets were estimated.
     pub mountings: Vec<String>,
@@ -68,9 +73,33 @@ impl HungReference {
             found.insert(load.group.as_str(), corrected.wrench);
         }
         hang(&mut data, &found);
+        let alike = first_alike(&loads, &corrected);
+        let readings = observed.into_iter().map(|of| of.readings).collect();
+        let distinct = alike.iter().collect::<BTreeSet<_>>().len();
+        let first = |&at: &usize| loads[at].group.clone();
+        let labels = loads.iter().map(|load| load.group.as_str()).zip(alike.iter().map(first));
+        relabel(&mut data, &labels.collect());
         let unread = unread.into_iter().map(|load| load.group).collect();
         let data = FitData { train: data, ..FitData::default() };
-        Ok((data, Self { loads, corrected, mountings, judged_by, unread, unloaded_rows, gate }))
+        let hung = Self {
+            loads,
+            distinct,
+            readings,
+            corrected,
+            mountings,
+            judged_by,
+            unread,
+            unloaded_rows,
+            gate,
+        };
+        Ok((data, hung))
+    }
+
+    /// Finds a load without which the errors on the others are far smaller; one may spoil a fit to few.
+    pub fn wrong_load(&self, workers: Workers<'_>) -> Option<WrongLoad> {
+        let readings: Vec<&[f64]> = self.readings.iter().map(Vec::as_slice).collect();
+        let estimate = Estimate::new(&self.loads, &readings, workers).ok()?;
+        estimate.wrong_load(&self.loads, &readings, workers)
     }
 
     pub fn suspicious(&self) -> impl Iterator<Item = (&HungLoad, &CorrectedLoad)> {
@@ -80,6 +109,30 @@ impl HungReference {
 
 pub(super) fn judged(load: &HungLoad, corrected: &CorrectedLoad) -> PerAxis<f64> {
     if corrected.suspicious.is_some() { corrected.wrench } else { load.wrench() }
+}
+
+/// The first load with the same wrench, for each: one that was hung again is no new load, and must not be predicted
+/// from its repetitions.
+pub(super) fn first_alike(loads: &[HungLoad], corrected: &CorrectedLoads) -> Vec<usize> {
+    /// Rounding errors of a direction in degrees, N and N·m.
+    const ROUNDING: f64 = 1e-6;
+    let wrenches: Vec<PerAxis<f64>> =
+        loads.iter().zip(&corrected.loads).map(|(load, found)| judged(load, found)).collect();
+    let is_like = |a: &PerAxis<f64>, b: &PerAxis<f64>| {
+        a.iter().zip(b).all(|(a, b)| (a - b).abs() <= ROUNDING)
+    };
+    let first = |of: &PerAxis<f64>| wrenches.iter().position(|known| is_like(known, of));
+    wrenches.iter().map(|of| first(of).expect("a wrench is like itself")).collect()
+}
+
+fn relabel(data: &mut Dataset, labels: &HashMap<&str, String>) {
+    for block in data.logs.iter_mut().flat_map(|log| &mut log.blocks) {
+        for (label, _) in Arc::make_mut(&mut block.labels) {
+            if let Some(new) = labels.get(label.as_str()) {
+                label.clone_from(new);
+            }
+        }
+    }
 }
 
 pub(super) struct LoadCorrection {
@@ -124,11 +177,30 @@ pub(super) fn labelled_rows(
     let asked: Vec<(&Log, Wanted)> = logs.iter().map(|log| (log, wanted.clone())).collect();
     let data = read_dataset(&asked, read)?;
     if wanted.groups {
+        check_numbers(table, &data)?;
         return Ok(data);
     }
     let labels: Vec<String> = table.loads().iter().map(|load| load.group.clone()).collect();
     let hint = "give the log a group column with the labels of the table, as `calibrate` writes it";
     label_loads(&data, &labels).map_err(|error| WorkflowError::refused(error, hint))
+}
+
+/// Refuses a log with other numbers than the loads of a table that does not label them: they may be shifted.
+fn check_numbers(table: &HungLoads, data: &Dataset) -> Result<(), WorkflowError> {
+    let is_of_table = |label: &str| table.loads().iter().any(|load| load.group == label);
+    let is_other = |label: &&String| label.parse::<f64>().is_ok() && !is_of_table(label);
+    let mut labels =
+        data.blocks().flat_map(|(_, block)| block.labels.iter()).map(|(label, _)| label);
+    match labels.find(is_other).filter(|_| !table.has_labels()) {
+        None => Ok(()),
+        Some(label) => Err(WorkflowError::refused(
+            format!(
+                "the log has a load `{label}`, and the table, which has no column `group`, loads 1 to {}",
+                table.loads().len()
+            ),
+            "write the log's labels in a column `group` of the table",
+        )),
+    }
 }
 
 /// The rows of logs at the loads of a table, with the loads as their wrench, and the number of rows left out.
@@ -147,12 +219,16 @@ pub(super) fn hung_rows(
     let stated = loads.iter().map(|load| (load.group.as_str(), load.wrench())).collect();
     hang(&mut data, &stated);
     if data.rows() == 0 {
-        let (found, load) = (first.unwrap_or_default(), &loads[0].group);
+        let found = first.unwrap_or_default();
+        let load = loads.first().map_or("", |load| &load.group);
         return Err(WorkflowError::refused(
             format!(
                 "no row has the label of a load: the first label is `{found}`, the first load `{load}`"
             ),
-            "name the log's column of labels with `--group`",
+            match table.has_labels() {
+                true => "name the log's column of labels with `--group`",
+                false => "write the log's labels in a column `group` of the table",
+            },
         ));
     }
     let left_out = rows - data.rows();

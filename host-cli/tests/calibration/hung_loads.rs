@@ -215,6 +215,89 @@ fn a_correct_weight_passes_and_a_wrong_one_fails() {
     assert!(said.contains("no weight hangs in any line"), "{said}");
 }
 
+#[test]
+fn a_weight_beyond_the_calibrated_range_or_a_dead_channel_does_not_pass() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let mut random = Random(21);
+    let weights: Vec<Weight> = (0..48).map(|_| Weight::new(&mut random)).collect();
+    write(dir, "session.csv", &log(&weights, true, 2));
+    write(dir, "loads.csv", &table(&weights, ",,"));
+    succeed(dir, "fit session.csv --loads loads.csv -o cal.json");
+    let nothing = Weight { mass_kg: 0.0, ..weights[0] };
+    let morning = [nothing, weights[3]];
+    write(dir, "weights.csv", &table(&morning, ",,"));
+    let text = log(&morning, true, 3);
+    // The fifth field is s3.
+    let without_s3 = |line: &str| {
+        let fields = line.split(',').enumerate();
+        fields.map(|(at, field)| if at == 4 { "0" } else { field }).collect::<Vec<_>>().join(",")
+    };
+    let header = text.lines().next().unwrap();
+    let dead: Vec<String> = text.lines().skip(1).map(without_s3).collect();
+    write(dir, "dead.csv", &format!("{header}\n{}\n", dead.join("\n")));
+    let (_, said) = ended(dir, "check cal.json weights.csv dead.csv", 1);
+    assert!(said.contains("`s3` is at an end of the converter's range"), "{said}");
+    let heavy = [
+        nothing,
+        Weight { mass_kg: 1.0, point: [0.0, 0.0, 20.0], azimuth_deg: 0.0, elevation_deg: -90.0 },
+    ];
+    write(dir, "weights.csv", &table(&heavy, ",,"));
+    write(dir, "heavy.csv", &log(&heavy, true, 3));
+    let (_, said) = ended(dir, "check cal.json weights.csv heavy.csv", 1);
+    // The heaviest of the 48 weighs 0.2 kg.
+    assert!(said.contains("Fz of load `1`, -9.81 N: the calibration is for -1."), "{said}");
+}
+
+#[test]
+fn a_load_that_was_hung_again_is_not_predicted_from_its_repetition() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let mut random = Random(8);
+    let few: Vec<Weight> = (0..12).map(|_| Weight::new(&mut random)).collect();
+    let twice: Vec<Weight> = few.iter().chain(&few).copied().collect();
+    write(dir, "session.csv", &log(&twice, true, 4));
+    write(dir, "loads.csv", &table(&twice, ",,"));
+    let found = json(dir, "fit session.csv --loads loads.csv --json");
+    assert_eq!(found["groups"], 12);
+    let (_, said) = ended(dir, "fit session.csv --loads loads.csv -o cal.json", 0);
+    assert!(
+        said.contains("12 different loads among 24: equal ones are held out together"),
+        "{said}"
+    );
+    // Six loads are too few for a sensor with ten parameters, however often they hang.
+    let often: Vec<Weight> = few[..6].iter().cycle().take(36).copied().collect();
+    write(dir, "session.csv", &log(&often, true, 4));
+    write(dir, "loads.csv", &table(&often, ",,"));
+    let said = refused(dir, "fit session.csv --loads loads.csv -o cal.json");
+    assert!(said.contains("`6` poses are too few"), "{said}");
+}
+
+#[test]
+fn excluded_loads_are_not_missed_and_numbers_must_be_those_of_the_table() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let mut random = Random(8);
+    let weights: Vec<Weight> = (0..20).map(|_| Weight::new(&mut random)).collect();
+    write(dir, "session.csv", &log(&weights, true, 4));
+    let labelled = table(&weights, ",,");
+    write(dir, "loads.csv", &labelled);
+    let fit = "fit session.csv --loads loads.csv --exclude-group 5";
+    assert_eq!(json(dir, &format!("{fit} --json"))["groups"], 19);
+    // Without labels, loads are 1 to 20; the log has 0 to 19.
+    let cut = |line: &str| line.split_once(',').unwrap().1.to_owned();
+    write(dir, "loads.csv", &labelled.lines().map(cut).collect::<Vec<_>>().join("\n"));
+    let said = refused(dir, "fit session.csv --loads loads.csv");
+    assert!(said.contains("the log has a load `0`, and the table"), "{said}");
+    assert!(said.contains("loads 1 to 20") && said.contains("column `group`"), "{said}");
+    write(dir, "loads.csv", &labelled.replace("_mm", "_m"));
+    let (_, said) = system_tests::program::ended(dir, "fit session.csv --loads loads.csv -q", 0);
+    assert!(said.contains("name `x_mm`, `y_mm`, `z_mm`"), "{said}");
+    write(dir, "loads.csv", "PK\u{3}\u{4}\0\0");
+    let said = refused(dir, "fit session.csv --loads loads.csv");
+    assert!(said.contains("it is a workbook or an archive: save the table as CSV"), "{said}");
+}
+
 /// Regression test: a typing error turned a load by 1675° with exit code 0; order was ignored.
 #[test]
 fn loads_that_no_mounting_explains_are_refused() {

@@ -168,7 +168,7 @@ fn a_reference_that_is_late_and_drifts_calibrates_as_well_as_a_perfect_one() {
         let found = late.error(sitting.estimate().unwrap(), seed);
         // The same loads on the same sensor, known exactly.
         let table = HungLoads::parse(&sitting.table().unwrap()).unwrap();
-        let lines = sitting.lines_of(&table).unwrap();
+        let lines = sitting.lines_of(&table, true).unwrap();
         let mut bench = Bench::new(seed);
         let mut perfect = Sitting::new(exact(&rig()), [None; 2], 0);
         bench.pass(&[0.0; 6], 200);
@@ -265,11 +265,69 @@ fn a_sitting_goes_on_as_if_it_had_not_been_ended() {
         let held = bench.hold(&rig().loads()[line].wrench());
         sitting.record(line, &held).unwrap();
         let table = HungLoads::parse(&sitting.table().unwrap()).unwrap();
-        assert_eq!(*again.lines_of(&table).unwrap().last().unwrap(), line);
+        assert_eq!(*again.lines_of(&table, true).unwrap().last().unwrap(), line);
         again.record(line, &held).unwrap();
     }
     assert_eq!(again.table(), sitting.table());
     assert_eq!(again.errors(), sitting.errors());
+}
+
+#[test]
+fn a_weight_that_still_hangs_is_not_taken_for_the_sensor_at_rest() {
+    let (mut bench, hung) = (Bench::new(7), rig());
+    let mut sitting = Sitting::new(rig(), [None; 2], 0);
+    let rest: Vec<[f64; 8]> = (0..50).map(|_| bench.row(&[0.0; 6]).readings.unwrap()).collect();
+    sitting.set_rest(std::array::from_fn(|c| rest.iter().map(|row| row[c]).sum::<f64>() / 50.0));
+    for _ in 0..3 {
+        let line = sitting.next_line();
+        let held = bench.hold(&hung.loads()[line].wrench());
+        sitting.record(line, &held).unwrap();
+    }
+    let label = HungLoads::parse(&sitting.table().unwrap()).unwrap().loads()[2].group.clone();
+    let line = hung.loads().iter().position(|load| load.group == label).unwrap();
+    bench.show(&mut sitting, &hung.loads()[line].wrench(), 5.0);
+    let said = sitting.finding();
+    assert!(said.starts_with(&format!("the readings are those of load `{label}`")), "{said}");
+    bench.show(&mut sitting, &[0.0; 6], 4.0);
+    assert_eq!((sitting.finding(), sitting.used()), ("", 3));
+    assert!(bench.hang(&mut sitting, &hung).is_some());
+}
+
+#[test]
+fn another_rig_does_not_change_what_was_recorded() {
+    let mut bench = Bench::new(7);
+    let mut sitting = Sitting::new(rig(), [None; 2], 0);
+    let line = sitting.next_line();
+    sitting.record(line, &bench.hold(&rig().loads()[line].wrench())).unwrap();
+    let recorded = HungLoads::parse(&sitting.table().unwrap()).unwrap();
+    assert_eq!(sitting.lines_of(&recorded, false), Ok(vec![line]));
+    let label = rig().loads()[line].group.clone();
+    let table =
+        rig().to_csv(&[line], &[]).replace(&format!("\n{label},0."), &format!("\n{label},1."));
+    let other = Sitting::new(HungLoads::parse(&table).unwrap(), [None; 2], 0);
+    let said = other.lines_of(&recorded, false).unwrap_err();
+    assert!(said.starts_with(&format!("load `{label}` was 0.")), "{said}");
+    assert_eq!(other.lines_of(&recorded, true), Ok(vec![0]), "a reference measured the load");
+}
+
+#[test]
+fn a_wrong_load_among_the_first_is_named() {
+    let mut bench = Bench::new(9);
+    let mut sitting = Sitting::new(rig(), [Some(0.01), None], 0);
+    let mut label = String::new();
+    for number in 1..=14 {
+        let line = sitting.next_line();
+        let load = rig().loads()[line].wrench();
+        // The fifth hangs the other way around.
+        let hung = if number == 5 { load.map(|x| -x) } else { load };
+        let recorded = sitting.record(line, &bench.hold(&hung)).unwrap();
+        if number == 5 {
+            label = recorded;
+        }
+    }
+    let said = sitting.finding();
+    assert!(said.contains(&format!("load `{label}` (")), "{label}: {said}");
+    assert!(said.contains("is probably wrong: without it the error in"), "{said}");
 }
 
 #[test]

@@ -15,8 +15,8 @@ mod held;
 mod recorded;
 mod state;
 
-pub use estimate::Estimate;
+pub use estimate::{Estimate, WrongLoad};
 pub use fault::SittingFault;
 pub use held::HeldLoad;
-pub use recorded::{fit_sitting, held_loads};
+pub use recorded::{fit_sitting, held_loads, rest_readings};
 pub use state::{CHECK, ErrorLimits, Sitting, SittingStage};

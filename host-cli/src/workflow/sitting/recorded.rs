@@ -5,7 +5,7 @@ use calibration::fit::{CovarianceRule, FitOptions, HeldOut, ModelRule, Workers};
 use calibration_file::Origin;
 use live_view::LiveRow;
 use load_table::HungLoads;
-use log_file::{Log, ReadOptions, Wanted};
+use log_file::{Log, ReadOptions, Wanted, read_dataset};
 use shared_proto::CHANNELS;
 
 use super::HeldLoad;
@@ -58,6 +58,22 @@ pub fn held_loads(
     Ok(held)
 }
 
+/// The mean readings in the first second of a sitting's log, before its first load; `None` without rows or time.
+pub fn rest_readings(
+    log: &Log,
+    read: &ReadOptions<'_>,
+) -> Result<Option<[f64; CHANNELS]>, WorkflowError> {
+    const REST_S: f64 = 1.0;
+    let wanted = Wanted { readings: true, time: log.has_time(), ..Wanted::default() };
+    let data = read_dataset(&[(log, wanted)], read)?;
+    let Some((_, block)) = data.blocks().next() else { return Ok(None) };
+    let time_s = &block.rows.time_s;
+    let rows = time_s.iter().take_while(|time| **time - time_s[0] < REST_S).count();
+    let mean =
+        |channel: usize| block.rows.readings[channel][..rows].iter().sum::<f64>() / rows as f64;
+    Ok((rows > 0).then(|| std::array::from_fn(mean)))
+}
+
 /// Fits the calibration of a sitting to its logs and its table of loads, as `fit --loads` does. Fails with
 /// [`WorkflowError`] if the logs cannot be read, or the loads do not determine a model.
 pub fn fit_sitting(
@@ -65,7 +81,7 @@ pub fn fit_sitting(
     table: &HungLoads,
     origin: Origin,
     read: &ReadOptions<'_>,
-) -> Result<FittedLogs, WorkflowError> {
+) -> Result<(FittedLogs, HungReference), WorkflowError> {
     let read = ReadOptions { checksum: true, ..*read };
     let (mut data, hung) = HungReference::read(logs, table, &read)?;
     let options = FitOptions {
@@ -78,5 +94,6 @@ pub fn fit_sitting(
         ..FitOptions::default()
     };
     let fit = data.fit(&options)?;
-    FittedLogs::new(fit, (logs, &[]), &data, (origin, options.outliers))
+    let fitted = FittedLogs::new(fit, (logs, &[]), &data, (origin, options.outliers))?;
+    Ok((fitted, hung))
 }

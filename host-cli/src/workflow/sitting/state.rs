@@ -66,6 +66,10 @@ pub struct Sitting {
     unloaded: Option<(usize, UnloadedValues)>,
     /// True if the guide knows the unloaded sensor.
     is_zeroed: bool,
+    /// Readings without a load at the start of a sitting that goes on.
+    rest: Option<[f64; CHANNELS]>,
+    /// True while a recorded load has to be taken off first.
+    still_hangs: bool,
     takes: Vec<Take>,
     check: Option<Take>,
     skipped: Vec<bool>,
@@ -103,6 +107,8 @@ impl Sitting {
             zero: PerAxis::default(),
             unloaded: None,
             is_zeroed: false,
+            rest: None,
+            still_hangs: false,
             takes: Vec::new(),
             check: None,
             usual: [0.0; CHANNELS],
@@ -150,17 +156,22 @@ impl Sitting {
     }
 
     /// Returns the line of the rig's table for which each line of `recorded`, a [`table`](Self::table), was
-    /// recorded. Fails with the label of a load that the rig does not have.
-    pub fn lines_of(&self, recorded: &HungLoads) -> Result<Vec<usize>, String> {
+    /// recorded. Fails if the rig does not have a load, or another one with its label.
+    pub fn lines_of(&self, recorded: &HungLoads, measured: bool) -> Result<Vec<usize>, String> {
         let own = || recorded.loads().iter().map(|load| load.group.clone()).collect();
         let labels: Vec<String> = recorded
             .column(RIG_COLUMN)
             .map_or_else(own, |cells| cells.map(str::to_owned).collect());
-        let line = |label: String| {
+        let line = |(label, was): (String, &HungLoad)| {
             let position = self.rig.loads().iter().position(|load| load.group == label);
-            position.ok_or(label)
+            let line = position.ok_or_else(|| format!("the rig has no load `{label}`"))?;
+            let load = &self.rig.loads()[line];
+            match measured || load.pull == was.pull {
+                true => Ok(line),
+                false => Err(format!("load `{label}` was {was}, and the rig has {load}")),
+            }
         };
-        labels.into_iter().map(line).collect()
+        labels.into_iter().zip(recorded.loads()).map(line).collect()
     }
 
     /// Takes a load that was recorded for a line of the rig's table. Returns the label of its rows, or the
@@ -251,8 +262,7 @@ impl Sitting {
     }
 
     fn fitted(&self) -> Option<Estimate> {
-        let loads: Vec<HungLoad> = self.used_takes().map(|take| take.load.clone()).collect();
-        let readings: Vec<&[f64]> = self.used_takes().map(|take| &take.readings[..]).collect();
+        let (loads, readings) = self.used_loads();
         Estimate::new(&loads, &readings, Workers::new(self.threads)).ok()
     }
 
@@ -293,6 +303,39 @@ impl Sitting {
             _ => self.check_line(),
         };
         self.guide.choose(asked, was_held);
+    }
+
+    /// Sets the readings without a load of the sitting that goes on.
+    pub fn set_rest(&mut self, rest: [f64; CHANNELS]) {
+        self.rest = Some(rest);
+    }
+
+    /// Refuses readings as those without a load if they are near those of a recorded load, and far from the `rest`.
+    fn check_unloaded(&mut self) {
+        /// Distance from the load, as a share of its distance from the rest.
+        const NEAR: f64 = 0.25;
+        let (Some(rest), Some(now)) = (self.rest, self.guide.unloaded_readings()) else { return };
+        let distance = |a: &[f64], b: &[f64]| {
+            a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
+        };
+        let hangs =
+            |take: &&Take| distance(&now, &take.readings) < NEAR * distance(&rest, &take.readings);
+        match self.takes.iter().find(hangs) {
+            Some(take) => {
+                let label = &take.load.group;
+                self.finding = format!(
+                    "the readings are those of load `{label}`: take the weight off (if nothing hangs, the sensor has \
+                     changed: begin in a new folder)"
+                );
+                self.guide.forget_unloaded();
+                (self.still_hangs, self.is_zeroed, self.zero) = (true, false, PerAxis::default());
+            }
+            None if self.still_hangs => {
+                self.still_hangs = false;
+                self.finding.clear();
+            }
+            None => {}
+        }
     }
 
     fn is_left(&self, line: usize) -> bool {
@@ -351,14 +394,26 @@ impl Sitting {
         let when = if is_last { "with all loads of the rig" } else { "even with all loads left" };
         let coupled = couplings(loads, candidates);
         let coupled = coupled.iter().find(|of| of.first == axis || of.second == axis);
-        let way = coupled.map_or_else(
-            || "hang loads twice, or heavier ones".to_owned(),
-            |of| {
+        let way = match (self.wrong_load(), coupled) {
+            (Some(wrong), _) => wrong,
+            (None, None) => "hang loads twice, or heavier ones".to_owned(),
+            (None, Some(of)) => {
                 let (first, second) = (of.first.name(), of.second.name());
                 format!("{first} and {second} always come together: pull at another point")
-            },
-        );
+            }
+        };
         format!("{when} the error in {name} is {error} {unit}; {way}")
+    }
+
+    /// Describes the load without which the errors are far smaller, if there is one.
+    fn wrong_load(&self) -> Option<String> {
+        let (loads, readings) = self.used_loads();
+        let workers = Workers::new(self.threads);
+        self.estimate.as_ref()?.wrong_load(&loads, &readings, workers).map(|of| of.to_string())
+    }
+
+    fn used_loads(&self) -> (Vec<HungLoad>, Vec<&[f64]>) {
+        self.used_takes().map(|take| (take.load.clone(), &take.readings[..])).unzip()
     }
 
     /// Returns true if the error is within the limits with 95 % confidence.
@@ -440,7 +495,11 @@ impl LoadGuide for Sitting {
         let line = self.guide.next();
         self.rows.push_back(row);
         let held = self.guide.push(&row);
-        self.is_zeroed = self.guide.phase() != GuidePhase::Unloaded;
+        let was_zeroed =
+            std::mem::replace(&mut self.is_zeroed, self.guide.phase() != GuidePhase::Unloaded);
+        if self.is_zeroed && !was_zeroed {
+            self.check_unloaded();
+        }
         if let Some(unloaded) = row.wrench.and_then(|_| self.guide.unloaded_values()) {
             self.watch_reference(unloaded);
         }

@@ -23,10 +23,14 @@ use shellcal::workflow::check::{CheckedWeights, check_weights};
 use shellcal::workflow::fit::FittedLogs;
 use shellcal::workflow::gates::Gate;
 use shellcal::workflow::live::{Feed, LiveSession, LogSeries};
+use shellcal::workflow::remark::Remark;
 use shellcal::workflow::report;
-use shellcal::workflow::sitting::{HeldLoad, Sitting, SittingStage, fit_sitting, held_loads};
+use shellcal::workflow::sitting::{
+    HeldLoad, Sitting, SittingStage, fit_sitting, held_loads, rest_readings,
+};
 
 use super::doctor::examine_board;
+use super::fit::hung_loads::warning;
 use super::live::{ServeArg, first_free, numbered, recording, show};
 use super::mapping::MappingArgs;
 use super::outputs;
@@ -203,15 +207,20 @@ impl CalibrateArgs {
             return Ok(sitting);
         }
         let table = read_table(&path.clone().into_os_string().into())?;
-        let lines = sitting.lines_of(&table).map_err(|label| {
-            anyhow::anyhow!("`{}`: the rig has no load `{label}`", path.display())
-        })?;
         let logs = self.open(&logs)?;
         let measured = self.is_measured(&logs);
+        let lines = sitting.lines_of(&table, measured).map_err(|other| {
+            let path = path.display();
+            anyhow::anyhow!(
+                "`{path}`: {other}; go on with the rig of that sitting, or name a new folder"
+            )
+        })?;
         for (line, held) in held_loads(&logs, &table, measured, &self.mapping.read_options())? {
             // A load that was good enough before may show a fault now that more is known.
             let _ = sitting.record(lines[line], &held);
         }
+        let rest = rest_readings(&logs[0], &self.mapping.read_options())?;
+        rest.into_iter().for_each(|rest| sitting.set_rest(rest));
         printer.note(format!("going on after {}", counted(sitting.used(), "load")));
         Ok(sitting)
     }
@@ -318,7 +327,7 @@ impl CalibrateArgs {
             columns: self.mapping.specified(&logs),
             ..Origin::default()
         };
-        let fitted = fit_sitting(&logs, &table, origin, &read)?;
+        let (fitted, hung) = fit_sitting(&logs, &table, origin, &read)?;
         folder.write(CALIBRATION, &fitted.file.to_json())?;
         let report = fitted.report(CALIBRATION, &outputs::command_line())?;
         folder.write(REPORT, &report)?;
@@ -334,6 +343,12 @@ impl CalibrateArgs {
         folder.write(CERTIFICATE, &certificate)?;
         let outcome = printer.judge(&check.gate);
         self.print(sitting, &fitted, &check, printer)?;
+        hung.suspicious().for_each(|(load, found)| printer.warning(warning(load, found)));
+        for remark in fitted.remarks() {
+            if let Remark::Warning(text) = remark {
+                printer.warning(text);
+            }
+        }
         Ok(outcome)
     }
 

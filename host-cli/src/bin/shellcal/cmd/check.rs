@@ -42,7 +42,7 @@ pub(crate) struct CheckArgs {
 impl CheckArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let file = self.edited.read(&self.calibration)?;
-        let table = read_table(&self.loads)?;
+        let table = read_table(&self.loads)?.without(&self.mapping.exclude_group);
         let calibration = Some((&self.calibration, &file));
         let logs = self.mapping.open(&self.logs, &[], calibration, printer)?;
         let named = self.axes.named();

@@ -77,6 +77,15 @@ fn millimetres(offset_m: [f64; 3]) -> String {
     offset_m.map(|metres| format!("{:+.1}", 1e3 * metres)).join(" ")
 }
 
+pub(super) fn tell_repeated(hung: &HungReference, printer: &Printer) {
+    let (loads, distinct) = (hung.loads.len(), hung.distinct);
+    if distinct < loads {
+        printer.note(format!(
+            "{distinct} different loads among {loads}: equal ones are held out together"
+        ));
+    }
+}
+
 pub(super) fn tell(hung: &HungReference, printer: &Printer) {
     for (load, found) in hung.suspicious() {
         printer.warning(warning(load, found));
@@ -95,7 +104,7 @@ pub(super) fn tell(hung: &HungReference, printer: &Printer) {
     );
 }
 
-fn warning(load: &HungLoad, found: &CorrectedLoad) -> String {
+pub(in crate::cmd) fn warning(load: &HungLoad, found: &CorrectedLoad) -> String {
     let (HungLoad { group, line, .. }, said) = (load, load.to_string());
     let of = format!("load `{group}` (line {line}: {said})");
     let instead = |pull: Pull| HungLoad { pull, ..load.clone() }.to_string();

@@ -1,6 +1,6 @@
 //! `shellcal fit`: a calibration from training logs; with `--partial`, sums for `shellcal merge` and no fit.
 
-mod hung_loads;
+pub(super) mod hung_loads;
 mod recalibration;
 mod report;
 mod run;

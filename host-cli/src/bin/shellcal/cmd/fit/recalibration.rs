@@ -35,6 +35,8 @@ impl FitArgs {
         let from = Some((path, &before));
         let logs = self.mapping.open(&self.train, &self.companions.wrench_from, from, printer)?;
         let table = self.loads.as_ref().map(read_table).transpose()?;
+        let excluded = &self.mapping.exclude_group;
+        let table = table.map(|table| table.without(excluded));
         let output = printer.create(self.output.as_ref())?;
         let read = ReadOptions { checksum: self.keeps(), ..self.mapping.read_options() };
         let recalibrated = recalibrate(&before, &logs, table.as_ref(), &read)?;

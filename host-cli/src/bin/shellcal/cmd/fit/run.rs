@@ -42,6 +42,8 @@ impl FitArgs {
         logs().filter_map(cut_off).for_each(|said| printer.warning(said));
         logs().filter_map(replaced_wrench).for_each(|said| printer.warning(said));
         let loads = self.loads.as_ref().map(read_table).transpose()?;
+        let excluded = &self.mapping.exclude_group;
+        let loads = loads.map(|table| table.without(excluded));
         match loads {
             None => {
                 agree_on_axes(&train, &mut test)?;
@@ -98,7 +100,13 @@ impl FitArgs {
             report(printer, &fitted, hung.as_ref(), self.dropped.is_some(), seconds)?;
         }
         stages.lines().into_iter().for_each(|line| printer.detail(line));
-        hung.iter().for_each(|hung| hung_loads::tell(hung, printer));
+        if let Some(hung) = &hung {
+            hung_loads::tell(hung, printer);
+            if !fitted.fit.verdict().is_ok() {
+                let wrong = hung.wrong_load(self.options(false).workers);
+                wrong.into_iter().for_each(|wrong| printer.warning(wrong.to_string()));
+            }
+        }
         Ok(outcome)
     }
 
@@ -136,6 +144,7 @@ impl FitArgs {
             None => (FitData::read(train, test, asked, &read)?, None),
             Some(table) => {
                 let (mut data, hung) = HungReference::read(train, table, &read)?;
+                hung_loads::tell_repeated(&hung, printer);
                 data.read_tests(test, &options, &read)?;
                 (data, Some(hung))
             }
