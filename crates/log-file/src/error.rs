@@ -98,12 +98,11 @@ pub enum PlacedProblem {
     /// The file has the column, but the table leaves it out for the reason `why`.
     #[error("column `{column}` is left out: {why}")]
     LeftOutColumn { column: String, why: String },
-    #[error("column `{column}`: the unit `{unit}` of its {} is not understood", match quantity {
-        Quantity::Force => "force",
-        Quantity::Moment => "moment",
-        _ => "time",
-    })]
+    #[error("column `{column}`: the unit `{unit}` of its {} is not understood", quantity.name())]
     UnknownUnit { column: String, unit: String, quantity: Quantity },
+    /// The robot's profile has another unit than the log.
+    #[error("column `{column}` is in `{unit}`, but in `{expected}` according to the profile")]
+    OtherUnit { column: String, unit: String, expected: String },
     /// One load has no unit, while another of the same kind has a unit other than N or N·m.
     #[error("column `{}` has no unit, and `{}` is in {unit}", columns[0], columns[1])]
     UnitOfSome { columns: Box<[String; 2]>, unit: String, is_moment: bool },
@@ -195,7 +194,17 @@ impl Hint for PlacedProblem {
             Self::LeftOutColumn { .. } => "save it as a vector or a matrix of real numbers",
             Self::UnknownUnit { column, quantity, .. } => {
                 let understood = quantity.understood();
-                return Some(format!("say it with `--unit '{column}=UNIT'`: {understood}"));
+                return Some(match quantity {
+                    Quantity::Force | Quantity::Moment | Quantity::Time => {
+                        format!("say it with `--unit '{column}=UNIT'`: {understood}")
+                    }
+                    _ => format!(
+                        "say it in the robot's profile, under `[columns]`: {understood}, or counts"
+                    ),
+                });
+            }
+            Self::OtherUnit { .. } => {
+                "correct the unit in the profile, under `[columns]`, or in the log"
             }
             Self::UnclearTimeUnit { .. } => {
                 "say it with `--time-unit` (days: `--unit time=d`), or in the name of the column (`t_ms`)"

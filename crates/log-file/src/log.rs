@@ -6,7 +6,9 @@ use std::sync::Arc;
 use crate::checksum;
 use crate::error::{LogError, PlacedProblem};
 use crate::format::choice::Interleaving;
-use crate::format::columns::{Column, ColumnRoles, Wanted, duplicate, positions, recognise};
+use crate::format::columns::{
+    Column, ColumnRoles, Wanted, duplicate, positions, recognise, stated_unit,
+};
 use crate::format::layout::{FileLayout, HEAD_BYTES, Header, recognise_layout};
 use crate::format::mapping::{ColumnRef, LogFormat, Mapping};
 use crate::format::meaning::{Meaning, StatedUnit};
@@ -14,8 +16,8 @@ use crate::line::line_ends;
 use crate::stream::chunk::CHUNK_BYTES;
 use crate::stream::source::LogSource;
 use shell_data::ColumnNames;
-use shell_data::telemetry::Telemetry;
-use shell_data::unit::Scale;
+use shell_data::telemetry::{COUNTS, Telemetry, are_counts};
+use shell_data::unit::{Quantity, Scale, Unit};
 use shell_data::wrench::{Axes, Axis, PerAxis};
 use table_file::{FileKind, Table};
 
@@ -292,6 +294,42 @@ impl Log {
                 Err(self.error_in_names(duplicate(&names, meaning, [*first, *second])))
             }
             found => Ok(found.first().copied()),
+        }
+    }
+
+    /// Returns the unit of a telemetry column, given by its position: from its name, the line below, or the profile
+    /// (`expected`); [`COUNTS`] if it is counts, `None` if nothing states it.
+    ///
+    /// # Errors
+    /// [`PlacedProblem::OtherUnit`] if the profile contradicts the log, [`PlacedProblem::UnknownUnit`] if the log's unit
+    /// is not understood and the profile has none.
+    pub fn telemetry_unit(
+        &self,
+        at: usize,
+        quantity: Quantity,
+        expected: Option<&str>,
+    ) -> Result<Option<String>, LogError> {
+        let column = self.layout.columns[at].name.clone();
+        let stated = stated_unit(&column, &self.layout.header.units, at, quantity);
+        let unit = match stated {
+            StatedUnit::Unknown(unit) if are_counts(&unit) => COUNTS.to_owned(),
+            StatedUnit::Unknown(unit) if expected.is_none() => {
+                let problem = PlacedProblem::UnknownUnit { column, unit, quantity };
+                return Err(self.error_in_names(problem));
+            }
+            // A unit of something else is a contradiction, any other word is a remark.
+            StatedUnit::Unknown(unit) if Unit::is_spelled(&unit) => unit,
+            StatedUnit::Unknown(_) | StatedUnit::None => return Ok(expected.map(str::to_owned)),
+            StatedUnit::Known(unit) => unit.symbol,
+        };
+        let scale =
+            |unit: &str| (unit == COUNTS, Unit::parse(unit, quantity).map(|unit| unit.scale));
+        match expected {
+            Some(expected) if scale(expected) != scale(&unit) => {
+                let expected = expected.to_owned();
+                Err(self.error_in_names(PlacedProblem::OtherUnit { column, unit, expected }))
+            }
+            _ => Ok(Some(unit)),
         }
     }
 

@@ -52,6 +52,15 @@ const COLUMNS: [(Telemetry, &str, &str); 19] = {
     ]
 };
 
+/// The unit of telemetry whose scale is in the robot's profile.
+pub const COUNTS: &str = "counts";
+
+/// Returns true if a log means counts by this unit.
+pub fn are_counts(unit: &str) -> bool {
+    const WORDS: [&str; 8] = ["count", COUNTS, "cts", "raw", "adc", "lsb", "bits", "ticks"];
+    WORDS.contains(&unit.to_lowercase().as_str())
+}
+
 impl Telemetry {
     /// Columns from which the electrical power of the motors is computed.
     pub const MOTORS: [Self; 5] =

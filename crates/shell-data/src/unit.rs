@@ -25,11 +25,35 @@ pub enum Quantity {
     Mass,
     /// Length, m.
     Length,
+    /// A number without a dimension, such as a duty.
+    Share,
+    /// Electric potential, V.
+    Voltage,
+    /// Electric current, A.
+    Current,
+    /// Power, W.
+    Power,
 }
 
 impl Quantity {
     pub const fn of_axis(axis: Axis) -> Self {
         if axis.is_moment() { Self::Moment } else { Self::Force }
+    }
+
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Force => "force",
+            Self::Moment => "moment",
+            Self::Time => "time",
+            Self::Angle => "angle",
+            Self::Acceleration => "acceleration",
+            Self::Mass => "mass",
+            Self::Length => "length",
+            Self::Share => "share",
+            Self::Voltage => "voltage",
+            Self::Current => "current",
+            Self::Power => "power",
+        }
     }
 
     /// Returns examples of accepted units.
@@ -38,33 +62,45 @@ impl Quantity {
             Self::Force => "N, mN, kN, lbf, ozf, gf, kgf, dyn",
             Self::Moment => "N·m, mN·m, N·mm, N·cm, lbf·in, lbf·ft, ozf·in, kgf·cm, gf·cm",
             Self::Time => "s, ms, µs, ns, min, h",
-            Self::Angle => "rad, mrad, deg",
+            Self::Angle => "rad, mrad, deg, rev",
             Self::Acceleration => "m/s², g, mg",
             Self::Mass => "kg, g, mg, lb, oz",
             Self::Length => "mm, cm, m, in, ft",
+            Self::Share => "1, %",
+            Self::Voltage => "V, mV",
+            Self::Current => "A, mA",
+            Self::Power => "W, mW",
         }
     }
 
     const fn dimension(self) -> Dimension {
         match self {
             Self::Force => FORCE,
-            Self::Moment => [1, 2, -2, 0],
+            Self::Moment => [1, 2, -2, 0, 0],
             Self::Time => TIME,
             Self::Angle => ANGLE,
             Self::Acceleration => ACCELERATION,
             Self::Mass => MASS,
             Self::Length => LENGTH,
+            Self::Share => SHARE,
+            Self::Voltage => VOLTAGE,
+            Self::Current => CURRENT,
+            Self::Power => POWER,
         }
     }
 }
 
-type Dimension = [i8; 4];
-const MASS: Dimension = [1, 0, 0, 0];
-const LENGTH: Dimension = [0, 1, 0, 0];
-const TIME: Dimension = [0, 0, 1, 0];
-const ANGLE: Dimension = [0, 0, 0, 1];
-const FORCE: Dimension = [1, 1, -2, 0];
-const ACCELERATION: Dimension = [0, 1, -2, 0];
+type Dimension = [i8; 5];
+const MASS: Dimension = [1, 0, 0, 0, 0];
+const LENGTH: Dimension = [0, 1, 0, 0, 0];
+const TIME: Dimension = [0, 0, 1, 0, 0];
+const ANGLE: Dimension = [0, 0, 0, 1, 0];
+const CURRENT: Dimension = [0, 0, 0, 0, 1];
+const SHARE: Dimension = [0; 5];
+const FORCE: Dimension = [1, 1, -2, 0, 0];
+const ACCELERATION: Dimension = [0, 1, -2, 0, 0];
+const POWER: Dimension = [1, 2, -3, 0, 0];
+const VOLTAGE: Dimension = [1, 2, -3, 0, -1];
 
 /// A conversion to SI units: `value · times / per`. Powers of ten below one are divisors: a division rounds
 /// correctly, a multiplication by the inverse does not.
@@ -100,6 +136,9 @@ impl Unit {
     pub fn parse(text: &str, quantity: Quantity) -> Option<Self> {
         let time = || text.split(" since ").next().unwrap_or(text);
         let text = if quantity == Quantity::Time { time() } else { text };
+        if quantity == Quantity::Share && text.trim() == "1" {
+            return Some(Self { symbol: "1".to_owned(), scale: Scale::ONE });
+        }
         let factors = factors(text)?;
         let dimension = quantity.dimension();
         let mut wanted = vec![(dimension, false)];
@@ -129,7 +168,7 @@ struct Symbol(&'static [&'static str], Dimension, f64, i32, &'static str);
 
 /// The pound is 0.45359237 kg and the inch 0.0254 m (international yard and pound agreement, 1959),
 /// standard gravity 9.80665 m/s² (3rd CGPM, 1901).
-const SYMBOLS: [Symbol; 20] = [
+const SYMBOLS: [Symbol; 25] = [
     Symbol(&["N", "newton"], FORCE, 1.0, 0, "nµumcdDkMG"),
     Symbol(&["lbf", "lbsf"], FORCE, 4.448_221_615_260_5, 0, "k"),
     Symbol(&["kip"], FORCE, 4.448_221_615_260_5, 3, ""),
@@ -149,7 +188,12 @@ const SYMBOLS: [Symbol; 20] = [
     Symbol(&["d", "day"], TIME, 86_400.0, 0, ""),
     Symbol(&["rad", "radian"], ANGLE, 1.0, 0, "µum"),
     Symbol(&["°", "deg", "degree"], ANGLE, std::f64::consts::PI / 180.0, 0, ""),
+    Symbol(&["rev", "revolution"], ANGLE, std::f64::consts::TAU, 0, ""),
     Symbol(&["g", "gee", "gn"], ACCELERATION, 9.806_65, 0, "µum"),
+    Symbol(&["%", "percent", "pct"], SHARE, 1.0, -2, ""),
+    Symbol(&["V", "volt"], VOLTAGE, 1.0, 0, "µumk"),
+    Symbol(&["A", "amp", "ampere"], CURRENT, 1.0, 0, "nµum"),
+    Symbol(&["W", "watt"], POWER, 1.0, 0, "µumk"),
 ];
 
 /// Prefixes: the character for [`SYMBOLS`], the spellings, and the power of ten.
@@ -227,6 +271,11 @@ impl Product {
 
 const MOST_FACTORS: usize = 6;
 
+/// Returns true for the characters of the names of units.
+pub fn is_letter(character: char) -> bool {
+    character.is_alphabetic() || matches!(character, '°' | '%')
+}
+
 /// Splits a unit into words and their exponents; `None` if it is not a unit.
 fn factors(text: &str) -> Option<Vec<(String, i8)>> {
     let text: String = text.trim().chars().filter_map(plain_mark).collect();
@@ -237,8 +286,8 @@ fn factors(text: &str) -> Option<Vec<(String, i8)>> {
     let mut is_behind_word = false;
     while let Some(first) = rest.chars().next() {
         let length = |is: fn(char) -> bool| rest.find(|c| !is(c)).unwrap_or(rest.len());
-        if first.is_alphabetic() || first == '°' {
-            let (word, after) = rest.split_at(length(|c| c.is_alphabetic() || c == '°'));
+        if is_letter(first) {
+            let (word, after) = rest.split_at(length(is_letter));
             rest = after;
             is_behind_word = false;
             match word.to_lowercase().as_str() {

@@ -7,7 +7,9 @@
 
 use std::f64::consts::PI;
 
-use shell_data::Quantity::{self, Acceleration, Angle, Force, Moment, Time};
+use shell_data::Quantity::{
+    self, Acceleration, Angle, Current, Force, Moment, Power, Share, Time, Voltage,
+};
 use shell_data::Unit;
 
 /// Pound-force and ounce-force in N, standard gravity in m/s²; inch and foot in m.
@@ -64,6 +66,17 @@ const SPELLINGS: &[(Quantity, f64, &str, &str, &str)] = &[
     (Angle, 1e0, "rad|radian|radians", "", ""),
     (Angle, 1e-3, "mrad|milliradian", "", ""),
     (Angle, PI / 180.0, "deg|degree|degrees|°", "", ""),
+    (Angle, 2.0 * PI, "rev|revolution|revolutions", "", ""),
+    (Share, 1e0, "1|m/m|V/V", "", ""),
+    (Share, 1e-2, "%|percent", "", "pct"),
+    (Share, 1e-3, "mV/V", "", ""),
+    (Voltage, 1e0, "V|volt|volts|W/A", "Volts", "v"),
+    (Voltage, 1e-3, "mV|millivolt|millivolts", "", "mv"),
+    (Current, 1e0, "A|amp|ampere|amps", "Ampere", "a"),
+    (Current, 1e-3, "mA|milliampere", "", "ma"),
+    (Current, 1e-6, "µA|uA|microamps", "", ""),
+    (Power, 1e0, "W|watt|watts|V A|V*A", "", "w|VA"),
+    (Power, 1e-3, "mW|milliwatt|milliwatts", "", "mw"),
     (Acceleration, 1e0, "m/s^2|m/s²|m/s**2|m s^-2|m·s⁻²|m*s^-2|m/s/s|meter/second^2|meters per second squared", "m/s2|m s-2", ""),
     (Acceleration, 1e-3, "mm/s^2", "", ""),
     (Acceleration, 1e-2, "cm/s^2|cm/s²", "", ""),
@@ -101,6 +114,10 @@ fn units_of_other_quantities_and_other_words_are_refused() {
         (Time, "Hz|1/s|s^2|Ms|m|MS|NS|frames|samples|ticks|seconds before|%|N·s|us/s"),
         (Angle, "rad/s|deg/s|gon|turns|°C|mdeg"),
         (Acceleration, "m/s|m|m/s^3|rad/s^2|g/s|N/kg m|kg"),
+        (Share, "counts|V|rad|2|1/s|%%%"),
+        (Voltage, "MV|A|mA|W|counts|raw|m|V/s|V·m|%"),
+        (Current, "MA|V|mV|Ah|1"),
+        (Power, "V|A|J|hp|N·m"),
     ] {
         for spelling in spellings.split('|') {
             assert_eq!(Unit::parse(spelling, quantity), None, "{quantity:?} `{spelling}`");

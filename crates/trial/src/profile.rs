@@ -4,11 +4,11 @@
 //! `base = "velociroach"` lists only the differences from it.
 
 use std::collections::BTreeMap;
-use std::f64::consts::{PI, TAU};
 
 use serde::{Deserialize, Serialize};
 use shell_data::hint::quoted;
-use shell_data::telemetry::Telemetry;
+use shell_data::telemetry::{COUNTS, Telemetry};
+use shell_data::unit::{Quantity, Unit};
 use toml::{Spanned, Table, Value};
 
 use super::manifest::{ManifestProblem, parse_toml as parse};
@@ -40,12 +40,12 @@ pub struct TelemetryScales {
     pub duty_counts: f64,
 }
 
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TelemetryColumn {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
-    /// `None` for counts.
+    /// `counts`, or `None` for what the log states, or else counts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unit: Option<String>,
 }
@@ -109,10 +109,22 @@ impl Profile {
         self.columns.get(key_of(kind)?)?.name.as_deref()
     }
 
-    /// The factor from the unit of a column to the SI unit, if the profile gives one.
+    /// The unit of a telemetry column as the profile writes it, if it gives one.
+    pub fn unit_text(&self, kind: Telemetry) -> Option<&str> {
+        self.columns.get(key_of(kind)?)?.unit.as_deref()
+    }
+
+    /// Sets the unit of a telemetry column, such as to the one that a log states.
+    pub fn set_unit(&mut self, kind: Telemetry, unit: String) {
+        if let Some(key) = key_of(kind) {
+            self.columns.entry(key.to_owned()).or_default().unit = Some(unit);
+        }
+    }
+
+    /// The factor from the unit of a column to the SI unit; `None` for counts.
     pub(super) fn unit(&self, kind: Telemetry) -> Option<f64> {
-        let (key, _, units) = COLUMNS.into_iter().find(|(_, of, _)| *of == kind)?;
-        in_si(self.columns.get(key)?.unit.as_deref()?, units)
+        let (_, _, quantity) = COLUMNS.into_iter().find(|(_, of, _)| *of == kind)?;
+        Unit::parse(self.unit_text(kind)?, quantity).map(|unit| unit.scale.to_si(1.0))
     }
 
     pub(super) fn leg_rad(&self, leg: Telemetry) -> f64 {
@@ -178,53 +190,42 @@ impl Motor {
     }
 }
 
-type Units = &'static [(&'static str, f64)];
-
-const ANGLE: Units = &[("rad", 1.0), ("deg", PI / 180.0), ("rev", TAU)];
-const SHARE: Units = &[("1", 1.0), ("%", 0.01)];
-const VOLTAGE: Units = &[("V", 1.0), ("mV", 1e-3)];
-const CURRENT: Units = &[("A", 1.0), ("mA", 1e-3)];
-const POWER: Units = &[("W", 1.0), ("mW", 1e-3)];
-
-/// The columns that results are computed from: their keys in a profile, and their possible units.
-const COLUMNS: [(&str, Telemetry, Units); 13] = [
-    ("right_leg", Telemetry::RightLeg, ANGLE),
-    ("left_leg", Telemetry::LeftLeg, ANGLE),
-    ("right_duty", Telemetry::RightDuty, SHARE),
-    ("left_duty", Telemetry::LeftDuty, SHARE),
-    ("right_back_emf", Telemetry::RightBackEmf, VOLTAGE),
-    ("left_back_emf", Telemetry::LeftBackEmf, VOLTAGE),
-    ("battery", Telemetry::Battery, VOLTAGE),
-    ("current", Telemetry::Current, CURRENT),
-    ("right_current", Telemetry::RightCurrent, CURRENT),
-    ("left_current", Telemetry::LeftCurrent, CURRENT),
-    ("power", Telemetry::Power, POWER),
-    ("right_power", Telemetry::RightPower, POWER),
-    ("left_power", Telemetry::LeftPower, POWER),
+/// The columns that results are computed from, with their keys in a profile.
+const COLUMNS: [(&str, Telemetry, Quantity); 13] = [
+    ("right_leg", Telemetry::RightLeg, Quantity::Angle),
+    ("left_leg", Telemetry::LeftLeg, Quantity::Angle),
+    ("right_duty", Telemetry::RightDuty, Quantity::Share),
+    ("left_duty", Telemetry::LeftDuty, Quantity::Share),
+    ("right_back_emf", Telemetry::RightBackEmf, Quantity::Voltage),
+    ("left_back_emf", Telemetry::LeftBackEmf, Quantity::Voltage),
+    ("battery", Telemetry::Battery, Quantity::Voltage),
+    ("current", Telemetry::Current, Quantity::Current),
+    ("right_current", Telemetry::RightCurrent, Quantity::Current),
+    ("left_current", Telemetry::LeftCurrent, Quantity::Current),
+    ("power", Telemetry::Power, Quantity::Power),
+    ("right_power", Telemetry::RightPower, Quantity::Power),
+    ("left_power", Telemetry::LeftPower, Quantity::Power),
 ];
 
-pub fn used_telemetry() -> impl Iterator<Item = Telemetry> {
-    COLUMNS.into_iter().map(|(_, kind, _)| kind)
+pub fn used_telemetry() -> impl Iterator<Item = (Telemetry, Quantity)> {
+    COLUMNS.into_iter().map(|(_, kind, quantity)| (kind, quantity))
 }
 
 pub(super) fn key_of(kind: Telemetry) -> Option<&'static str> {
     COLUMNS.into_iter().find(|(_, of, _)| *of == kind).map(|(key, ..)| key)
 }
 
-fn in_si(unit: &str, units: Units) -> Option<f64> {
-    units.iter().find(|(name, _)| *name == unit).map(|(_, si)| *si)
-}
-
 fn check_column(key: &str, column: &TelemetryColumn) -> Result<(), String> {
-    let Some((.., units)) = COLUMNS.into_iter().find(|(known, ..)| *known == key) else {
+    let Some((.., quantity)) = COLUMNS.into_iter().find(|(known, ..)| *known == key) else {
         let keys = quoted(COLUMNS.iter().map(|(key, ..)| key), ", ");
         return Err(format!("no column `{key}`, expected one of {keys}"));
     };
     match &column.unit {
-        Some(unit) if in_si(unit, units).is_none() => {
-            let units = quoted(units.iter().map(|(unit, _)| unit), " or ");
-            Err(format!("`{key}` cannot be in `{unit}`, expected {units}"))
-        }
+        Some(unit) if unit != COUNTS && Unit::parse(unit, quantity).is_none() => Err(format!(
+            "`{key}` cannot be in `{unit}`, expected a unit of {} ({}) or `{COUNTS}`",
+            quantity.name(),
+            quantity.understood()
+        )),
         _ => Ok(()),
     }
 }
@@ -283,7 +284,12 @@ mod tests {
             ("= 2", "= -2", 4, "`robot.mass_kg` is `-2`"),
             ("= 2", "= \"2\"", 4, "invalid type: string"),
             ("[robot]", "[body]", 3, "unknown field `body`"),
-            ("\"mV\"", "\"A\"", 7, "`battery` cannot be in `A`, expected `V` or `mV`"),
+            (
+                "\"mV\"",
+                "\"A\"",
+                7,
+                "`battery` cannot be in `A`, expected a unit of voltage (V, mV)",
+            ),
             ("battery", "batery", 7, "no column `batery`, expected"),
             ("name = \"U\", unit", "units", 7, "unknown field `units`"),
         ] {

@@ -71,7 +71,10 @@ impl Signals {
                 is_beyond = 2 * beyond > readings.first().map_or(0, Vec::len) as u64;
             }
         }
-        diagnostics.extend(diagnose_legs(strides.as_ref()));
+        let positions = rows.telemetry(Telemetry::RightLeg).unwrap_or_default();
+        let are_counts = instrument.profile.unit_text(Telemetry::RightLeg).is_some()
+            || !positions.iter().any(|position| position.fract().abs() > 0.0);
+        diagnostics.extend(diagnose_legs(strides.as_ref(), are_counts));
         let left_leg = leg(Telemetry::LeftLeg);
         Ok(Self { forces, power, right_leg, left_leg, strides, is_beyond })
     }
@@ -236,7 +239,8 @@ fn diagnose_frames(
     })
 }
 
-fn diagnose_legs(strides: Option<&Strides>) -> Option<Diagnostic> {
+/// `are_counts` is false for positions that are taken for counts but cannot be.
+fn diagnose_legs(strides: Option<&Strides>, are_counts: bool) -> Option<Diagnostic> {
     let Some(strides) = strides else {
         let text = "the log has no right leg position: strides are left out";
         return Some(Diagnostic::warning("no_leg", text));
@@ -244,6 +248,8 @@ fn diagnose_legs(strides: Option<&Strides>) -> Option<Diagnostic> {
     let mut periods: Vec<f64> = strides.spans().map(|(start, end)| end - start).collect();
     let Some(median) = upper_median(&mut periods) else {
         let text = "the right leg does not complete a turn in the window";
+        let unit = ": its positions are no counts, give the profile `right_leg = { unit = … }` under `[columns]`";
+        let text = [text, if are_counts { "" } else { unit }].concat();
         return Some(Diagnostic::warning("no_stride", text));
     };
     let longest_s = strides.longest_still_s;

@@ -74,12 +74,28 @@ fn units_that_are_not_known_are_asked_for_in_place_of_a_number() {
     let command = "trial log.csv --enter 0.5 --exit 2.5 --json";
     let said = program::run(dir, command, 2);
     assert!(said.contains("reads 3.7") && said.contains("unit = \"V\""), "{said}");
+    // With the battery alone, duty and back EMF would be counts of another board.
+    fs::write(
+        dir.join("robot.toml"),
+        "base = \"velociroach\"\n[columns]\nbattery = { unit = \"V\" }\n",
+    )
+    .unwrap();
+    let said = program::run(dir, &format!("{command} --profile robot.toml"), 2);
+    assert!(
+        said.contains("unit of `right_duty`, `left_duty`, `right_back_emf`, `left_back_emf`"),
+        "{said}"
+    );
     // Half duty at 3.7 V without back EMF, in two motors of 3.3 Ω.
-    let (document, _) = evaluate(dir, "battery = { unit = \"V\" }\n");
+    let all = "battery = { unit = \"V\" }\nright_duty = { unit = \"counts\" }\nleft_duty = { unit = \"counts\" }\n\
+               right_back_emf = { unit = \"V\" }\nleft_back_emf = { unit = \"V\" }\n";
+    let (document, _) = evaluate(dir, all);
     let power_w = document["mean_power_w"].as_f64().unwrap();
     assert!((power_w / (3.7 * 3.7 / 3.3) - 1.0).abs() < 1e-12, "{power_w}");
     for (columns, expected) in [
-        ("battery = { unit = \"A\" }\n", "`battery` cannot be in `A`, expected `V` or `mV`"),
+        (
+            "battery = { unit = \"A\" }\n",
+            "`battery` cannot be in `A`, expected a unit of voltage (V, mV)",
+        ),
         ("batery = { unit = \"V\" }\n", "no column `batery`"),
         ("battery = { name = \"U\" }\n", "U"),
     ] {
@@ -88,6 +104,70 @@ fn units_that_are_not_known_are_asked_for_in_place_of_a_number() {
         let said = program::run(dir, &format!("{command} --profile bad.toml"), 2);
         assert!(said.contains(expected), "{said}");
     }
+}
+
+/// The duty, back EMF and battery of two motors of 3.3 Ω: 0.4·7.4·(7.4 − 3.7)/3.3 W each, for 2 s.
+const MOTORS_J: f64 = 2.0 * 2.0 * 0.4 * 7.4 * 3.7 / 3.3;
+
+#[test]
+fn units_in_the_log_are_used() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let command = "trial log.csv --enter 0.5 --exit 2.5 --json";
+    let names = |units: [&str; 6]| {
+        let names = ["Right Leg Pos", "DCR", "DCL", "RBEMF", "LBEMF", "VBatt"];
+        names.iter().zip(units).map(|(name, unit)| format!("{name}{unit}")).collect::<Vec<_>>()
+    };
+    let milli = [" (deg)", " (%)", " [%]", " (mV)", "_mV", " in mV"];
+    let [degrees, volts] = ["40,40,3700,3700,7400", "0.4,0.4,3.7,3.7,7.4"];
+    for (names, units, row) in [
+        (names(milli.map(|unit| if unit.contains('(') { unit } else { " (mV)" })), "", degrees),
+        (names([""; 6]), "s,deg,%,percent,mV,mV,millivolts\n", degrees),
+        (names([""; 6]), "s,deg,1,1,V,V,volts\n", volts),
+    ] {
+        let names = names.join(",").replace("DCL (mV)", "DCL [%]");
+        let rows: String = (0..=300)
+            .map(|at| format!("{},{},{row}\n", f64::from(at) / 100.0, f64::from(at) * 7.2))
+            .collect();
+        fs::write(dir.join("log.csv"), format!("t_s,{names}\n{units}{rows}")).unwrap();
+        let document = program::json(dir, command);
+        let energy_j = document["electrical_energy_j"].as_f64().unwrap();
+        // Rounding of sums over 200 rows.
+        assert!((energy_j / MOTORS_J - 1.0).abs() < 1e-12, "{names}: {energy_j}");
+        assert_eq!(document["strides"], 4, "{names}");
+    }
+    // The profile says what the log says, or nothing of it, or the trial is refused.
+    for (name, unit, expected) in [
+        ("I_mA", "", Ok(7.4 * 0.5 * 2.0)),
+        ("I (mA)", ", unit = \"mA\"", Ok(7.4 * 0.5 * 2.0)),
+        ("I (total)", ", unit = \"mA\"", Ok(7.4 * 0.5 * 2.0)),
+        ("I (mA)", ", unit = \"A\"", Err("line 1: column `I (mA)` is in `mA`, but in `A`")),
+        ("I (V)", ", unit = \"A\"", Err("line 1: column `I (V)` is in `V`, but in `A`")),
+        ("I (counts)", ", unit = \"A\"", Err("is in `counts`, but in `A`")),
+        (
+            "I (knots)",
+            "",
+            Err("line 1: column `I (knots)`: the unit `knots` of its current is not"),
+        ),
+    ] {
+        write_log(dir, &format!("{name},VBatt (mV)"), |_| "500,7400".to_owned());
+        let columns = format!("current = {{ name = \"{name}\"{unit} }}\n");
+        match expected {
+            Ok(expected_j) => {
+                let (document, texts) = evaluate(dir, &columns);
+                let energy_j = document["electrical_energy_j"].as_f64().expect(&texts);
+                assert!((energy_j / expected_j - 1.0).abs() < 1e-12, "{name}: {energy_j}");
+            }
+            Err(expected) => {
+                let profile = format!("base = \"velociroach\"\n[columns]\n{columns}");
+                fs::write(dir.join("robot.toml"), profile).unwrap();
+                let said = program::run(dir, &format!("{command} --profile robot.toml"), 2);
+                assert!(said.contains(expected), "{said}");
+            }
+        }
+    }
+    let said = program::run(dir, "info log.csv --unit current=mA", 2);
+    assert!(said.contains("the units of telemetry are in the robot's profile"), "{said}");
 }
 
 #[test]

@@ -9,7 +9,7 @@ use super::meaning::{
 };
 use crate::error::PlacedProblem;
 use crate::parse::date::DateOrder;
-use shell_data::unit::{Quantity, Scale, Unit};
+use shell_data::unit::{Quantity, Scale, Unit, is_letter};
 use shell_data::wrench::{Axis, PerAxis};
 
 #[derive(Clone, Debug, PartialEq)]
@@ -117,13 +117,9 @@ pub(crate) fn recognise(
     let fraction = roles.time.and_then(|at| fraction_by_name(&names, at));
     roles.time_parts.extend(fraction.filter(|part| meanings[part.column] == Meaning::Other));
     roles.group = group.or(roles.group);
-    // A field without letters, such as a dash, is not a unit.
-    let is_said = |unit: &str| unit.contains(|c: char| c.is_alphabetic() || c == '°');
-    let row = units.iter().map(|unit| if is_said(unit) { unit.as_str() } else { "" });
-    let row = row.chain(std::iter::repeat(""));
     let mut columns = Vec::with_capacity(names.len());
-    for (((name, meaning), (named, in_name)), below) in
-        names.into_iter().zip(meanings).zip(named).zip(row)
+    for (at, ((name, meaning), (named, in_name))) in
+        names.into_iter().zip(meanings).zip(named).enumerate()
     {
         let mut column = Column { name, meaning, unit: StatedUnit::None };
         if let Some(quantity) = meaning.quantity() {
@@ -135,12 +131,31 @@ pub(crate) fn recognise(
                     _ => unit_in_name(&column.name, quantity),
                 },
             };
-            column.set_unit(one_unit(in_name, StatedUnit::new(below, quantity)));
+            column.set_unit(one_unit(in_name, unit_below(units, at, quantity)));
         }
         columns.push(column);
     }
     specify_units(&mut columns, mapping)?;
     Ok((columns, roles))
+}
+
+/// Returns the unit that the line below the names states.
+fn unit_below(units: &[String], at: usize, quantity: Quantity) -> StatedUnit {
+    // A field without letters, such as a dash, is not a unit, except for the `1` of a share.
+    let is_said = |unit: &&String| {
+        unit.contains(is_letter) || (quantity == Quantity::Share && unit.trim() == "1")
+    };
+    units.get(at).filter(is_said).map_or(StatedUnit::None, |unit| StatedUnit::new(unit, quantity))
+}
+
+/// Returns the unit that the log states for a column whose meaning is not in its name.
+pub(crate) fn stated_unit(
+    name: &str,
+    units: &[String],
+    at: usize,
+    quantity: Quantity,
+) -> StatedUnit {
+    one_unit(unit_in_name(name, quantity), unit_below(units, at, quantity))
 }
 
 fn one_unit(in_name: StatedUnit, below: StatedUnit) -> StatedUnit {
@@ -746,6 +761,26 @@ mod tests {
         let missing_column = Mapping { units: vec![pair("Fq", "N")], ..Mapping::default() };
         let refused = recognise(names("Fx"), &[], LogFormat::Csv, &missing_column).unwrap_err();
         assert_eq!(missing(refused), ["Fq"]);
+    }
+
+    #[test]
+    fn units_of_telemetry_are_read_where_others_are() {
+        for (name, below, quantity, expected) in [
+            ("RBEMF (mV)", "", Quantity::Voltage, Some("mV")),
+            ("U_bat_mV", "mV", Quantity::Voltage, Some("mV")),
+            ("DCR %", "", Quantity::Share, Some("%")),
+            ("DCR", "1", Quantity::Share, Some("1")),
+            ("duty_1", "", Quantity::Share, None),
+            ("Right Leg Pos", "-", Quantity::Angle, None),
+            ("hipDeg", "", Quantity::Angle, Some("°")),
+        ] {
+            let unit = stated_unit(name, &[below.to_owned()], 0, quantity);
+            assert_eq!(unit.known().map(|unit| &*unit.symbol), expected, "{name}");
+        }
+        for (name, below) in [("I (mA)", "A"), ("I (V)", ""), ("I", "knots")] {
+            let unit = stated_unit(name, &[below.to_owned()], 0, Quantity::Current);
+            assert!(matches!(unit, StatedUnit::Unknown(_)), "{name}: {unit:?}");
+        }
     }
 
     #[test]

@@ -76,7 +76,7 @@ pub(crate) struct Header {
     pub(crate) form: RowForm,
     names: Vec<String>,
     /// Empty if no line of units follows the names.
-    units: Vec<String>,
+    pub(crate) units: Vec<String>,
     units_line: Option<u64>,
     keys: Keys,
     /// Position of the first row in the uncompressed file.

@@ -143,6 +143,9 @@ pub fn parse_wrench(text: &str) -> Result<PerAxis<Option<ColumnRef>>, String> {
     Ok(columns)
 }
 
+const TELEMETRY: [Quantity; 5] =
+    [Quantity::Angle, Quantity::Share, Quantity::Voltage, Quantity::Current, Quantity::Power];
+
 /// Parses units of columns: `fx=lbf`, `force=kN,moment=N·mm`, `time=min`.
 ///
 /// # Errors
@@ -165,6 +168,10 @@ pub fn parse_units(text: &str) -> Result<Vec<(String, String)>, String> {
         let is_unit = |&quantity: &Quantity| Unit::parse(unit, quantity).is_some();
         match quantities.iter().any(is_unit) || is_order() {
             true => Ok((of.to_owned(), unit.to_owned())),
+            false if TELEMETRY.iter().any(is_unit) => Err(format!(
+                "`{unit}` of `{of}`: the units of telemetry are in the robot's profile (`--profile`), such as \
+                 `battery = {{ unit = \"mV\" }}` under `[columns]`"
+            )),
             false => {
                 let understood: Vec<_> = quantities.iter().map(|it| it.understood()).collect();
                 Err(format!("`{unit}` is no unit of `{of}`; understood: {}", understood.join(", ")))

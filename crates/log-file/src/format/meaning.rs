@@ -6,7 +6,7 @@
 use super::column_name::plain;
 use super::mapping::{LogFormat, TimeUnit};
 use shell_data::telemetry::Telemetry;
-use shell_data::unit::{Quantity, Scale, Unit};
+use shell_data::unit::{Quantity, Scale, Unit, is_letter};
 use shell_data::wrench::Axis;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -19,7 +19,7 @@ pub enum Meaning {
     Load(Axis, Scale),
     /// The group (pose, session, trial) of a row.
     Group,
-    /// Robot telemetry, in counts whose scale is in the robot's profile.
+    /// Robot telemetry, whose unit or scale of counts may be in the robot's profile.
     Telemetry(Telemetry),
     /// A column that is added to the time: its date, or a fraction of its seconds.
     TimePart,
@@ -108,7 +108,7 @@ pub fn meaning_of(name: &str, format: LogFormat) -> (Meaning, StatedUnit) {
         let scale = unit.known().map_or(meaning.scale(), |unit| unit.scale);
         return (meaning.scaled(scale), unit);
     }
-    // A reading may have any unit, which is ignored.
+    // A reading may have any unit, which is ignored; that of telemetry is read with the robot's profile.
     let name = without_unit(name);
     let meaning = match Telemetry::from_name(&name) {
         Some(telemetry) => Meaning::Telemetry(telemetry),
@@ -160,8 +160,10 @@ pub(super) fn unit_in_name(name: &str, quantity: Quantity) -> StatedUnit {
     if let Some((_, unit)) = in_brackets(name) {
         return StatedUnit::new(unit, quantity);
     }
-    let parts = suffixes(name).chain(capitals(name));
-    let unit = parts.filter_map(|(_, suffix)| Unit::parse(suffix, quantity)).next();
+    let parts = suffixes(name).chain(capitals(name)).map(|(_, suffix)| suffix);
+    // The `1` of `duty_1` is a number.
+    let parts = parts.filter(|suffix| suffix.contains(is_letter));
+    let unit = parts.filter_map(|suffix| Unit::parse(suffix, quantity)).next();
     unit.map_or(StatedUnit::None, StatedUnit::Known)
 }
 

@@ -12,8 +12,8 @@ use log_file::{ColumnRef, LogError, ReadSummary, Wanted};
 use shell_data::block::Block;
 use shell_data::telemetry::Telemetry;
 use trial::{
-    LogTimes, TraceExtent, Trial, TrialError, TrialInput, TrialResult, TrialRows, evaluate,
-    used_telemetry,
+    Instrument, LogTimes, Profile, TraceExtent, Trial, TrialError, TrialInput, TrialResult,
+    TrialRows, evaluate, used_telemetry,
 };
 
 /// Minimum margin around the window in which rows are read, s.
@@ -24,6 +24,8 @@ pub(super) struct RecordedTrial {
     pub(super) summary: ReadSummary,
     /// Change of the zero, if the tare does not follow it.
     pub(super) zero: Option<ZeroMove>,
+    /// The job's profile, with the units that the log states.
+    profile: Profile,
     rows: TrialRows,
     pipeline: Option<ForcePipeline>,
 }
@@ -49,7 +51,8 @@ impl RecordedTrial {
         if let (Some(pipeline), Some(calibration)) = (&mut pipeline, calibration) {
             pipeline.lag = calibration.lag;
         }
-        Ok(Self { times, rows: reading.trial_rows, pipeline, zero, summary })
+        let (profile, rows) = (reading.profile, reading.trial_rows);
+        Ok(Self { times, profile, rows, pipeline, zero, summary })
     }
 
     pub(super) fn evaluate(
@@ -59,7 +62,7 @@ impl RecordedTrial {
     ) -> Result<TrialResult, TrialError> {
         evaluate(&TrialInput {
             trial,
-            instrument: job.instrument,
+            instrument: Instrument { profile: &self.profile, ..job.instrument },
             times: &self.times,
             rows: &self.rows,
             pipeline: self.pipeline.as_ref(),
@@ -72,6 +75,7 @@ struct Reading<'a> {
     enter_s: f64,
     exit_s: f64,
     wanted: Wanted,
+    profile: Profile,
     /// The calibration and the search for tare and clock, if there are forces.
     setup: Option<(&'a Calibration, PipelineSetup)>,
     /// The memory terms of the calibration, which need every row from the first one.
@@ -94,14 +98,21 @@ impl<'a> Reading<'a> {
         let channels = log.channels();
         let is_traced = options.trace != TraceExtent::Nothing;
         let (mut telemetry, mut others) = (Vec::new(), Vec::new());
+        let mut profile = instrument.profile.clone();
         // The left leg is needed only for traces.
-        for kind in used_telemetry().filter(|kind| is_traced || *kind != Telemetry::LeftLeg) {
-            let position = match instrument.profile.column_name(kind) {
+        for (kind, quantity) in
+            used_telemetry().filter(|(kind, _)| is_traced || *kind != Telemetry::LeftLeg)
+        {
+            let position = match profile.column_name(kind) {
                 Some(name) => Some(log.column_positions(&[ColumnRef::Name(name.to_owned())])?[0]),
                 None => log.telemetry(kind)?,
             };
-            telemetry.extend(position.map(|_| (kind, Vec::new())));
-            others.extend(position);
+            let Some(position) = position else { continue };
+            if let Some(unit) = log.telemetry_unit(position, quantity, profile.unit_text(kind))? {
+                profile.set_unit(kind, unit);
+            }
+            telemetry.push((kind, Vec::new()));
+            others.push(position);
         }
         let readings = instrument.calibration.is_some() && channels > 0;
         let calibration = instrument.calibration;
@@ -112,6 +123,7 @@ impl<'a> Reading<'a> {
         Ok(Self {
             enter_s: window.0,
             exit_s: window.1,
+            profile,
             wanted: Wanted { time: true, readings, others, ..Wanted::default() },
             setup: calibration.map(setup),
             memory: calibration.and_then(Calibration::start_memory),
