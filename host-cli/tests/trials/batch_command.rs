@@ -454,3 +454,35 @@ fn the_report_names_the_rows_whose_readings_cannot_be_trusted() {
     let page = fs::read_to_string(dir.join("energies.html")).unwrap();
     assert!(!page.contains("id=\"doubtful\""));
 }
+
+#[test]
+fn settings_beside_the_logs_of_a_manifest_are_used() {
+    let (dir, windows) = folder(1);
+    let dir = dir.path();
+    let [enter_s, exit_s] = windows[0];
+    fs::create_dir(dir.join("data")).unwrap();
+    fs::rename(dir.join("1.txt"), dir.join("data/1.txt")).unwrap();
+    fs::copy(dir.join("data/1.txt"), dir.join("2.txt")).unwrap();
+    // Two channels exchanged: other forces.
+    let settings = "sensors = \"S3,S2,S1,S4,S5,S6,S7,S8\"\n";
+    fs::write(dir.join("data/shellcal.toml"), settings).unwrap();
+    let alone = format!("trial data/1.txt --enter {enter_s} --exit {exit_s} -c cal.json --json");
+    let drag = |row: &Value| row["drag_mean_n"].as_f64().unwrap();
+    let expected = drag(&program::json(dir, &alone));
+    assert_ne!(expected, drag(&program::json(dir, &format!("{alone} --no-config"))));
+    let row = |file: &str| format!("{file},x,{enter_s},{exit_s}\n");
+    let command = "-c cal.json --json";
+    let output = batch(dir, &row("data/1.txt"), command);
+    let document: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(drag(&document["trials"][0]), expected, "{}", said(&output));
+    program::run(dir, "report m.csv -c cal.json", 0);
+    // A log without settings, and one with others.
+    let two = row("data/1.txt") + &row("2.txt");
+    let asked = said(&batch(dir, &two, command));
+    assert!(asked.contains("not beside `2.txt`") && asked.contains("`--no-config`"), "{asked}");
+    assert!(program::run(dir, "report m.csv -c cal.json", 2).contains("not beside `2.txt`"));
+    fs::write(dir.join("shellcal.toml"), "lowpass = 5\n").unwrap();
+    let asked = said(&batch(dir, &two, command));
+    assert!(asked.contains("settings in `shellcal.toml` and in `data/shellcal.toml`"), "{asked}");
+    assert!(batch(dir, &two, &format!("{command} --no-config")).status.success());
+}

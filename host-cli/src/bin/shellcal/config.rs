@@ -1,19 +1,24 @@
 //! Settings that belong to a set of data: `shellcal.toml` in the same directory, or the file of `--config`. Each key
 //! is the long name of an option. It sets that option in every command that has it, unless the command line sets it.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 use clap::parser::ValueSource;
 use clap::{Arg, ArgMatches, Command};
+use shell_data::hint::quoted;
 use toml::{Spanned, Value};
 
+use crate::cmd::manifest_logs;
 use crate::files::{InputPath, innermost, read_text};
 use crate::printer::{GLOBAL, Printer};
 
 const FILE: &str = "shellcal.toml";
+
+/// The argument that names logs indirectly.
+const MANIFEST: &str = "manifest";
 
 /// Source of the settings.
 #[derive(Clone, Debug, clap::Args)]
@@ -162,16 +167,38 @@ fn is_on_command_line(matches: &ArgMatches, option: &Arg) -> bool {
 
 fn beside_data(command: &Command, matches: &ArgMatches) -> anyhow::Result<Option<PathBuf>> {
     let (of_command, given) = innermost(command, matches);
+    let beside = |path: &Path| {
+        let beside = path.with_file_name(FILE);
+        // Accept any entry with this name; one that is not a file is refused when it is read.
+        beside.symlink_metadata().is_ok().then_some(beside)
+    };
     let mut found: Vec<PathBuf> = Vec::new();
     for positional in of_command.get_positionals() {
         for path in given.get_raw(positional.get_id().as_str()).into_iter().flatten() {
-            let beside = Path::new(path).with_file_name(FILE);
-            // Accept any entry with this name; one that is not a file is refused when it is read.
-            if beside.symlink_metadata().is_ok() && !found.contains(&beside) {
-                found.push(beside);
+            let path = Path::new(path);
+            found.extend(beside(path));
+            if positional.get_id() == MANIFEST {
+                // A log whose folder has no settings takes the manifest's.
+                let logs = manifest_logs(path);
+                let of_logs: Vec<_> =
+                    logs.iter().map(|log| beside(log).or_else(|| beside(path))).collect();
+                let with = of_logs.iter().flatten().next();
+                let without = logs.iter().zip(&of_logs).find(|(_, settings)| settings.is_none());
+                if let (Some(with), Some((without, _))) = (with, without) {
+                    bail!(
+                        "there are settings in `{}`, but not beside `{}`: say which are meant with `--config`, or \
+                         `--no-config`",
+                        with.display(),
+                        without.display()
+                    );
+                }
+                found.extend(of_logs.into_iter().flatten());
             }
         }
     }
+    let place = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
+    let mut places = BTreeSet::new();
+    found.retain(|path| places.insert(place(path)));
     match found.as_slice() {
         [first, second, ..] => bail!(
             "there are settings in `{}` and in `{}`: say which are meant with `--config`, or `--no-config`",
@@ -197,9 +224,14 @@ fn read(path: &Path) -> anyhow::Result<Settings> {
         let key = key.into_inner();
         let known = KEYS.iter().flat_map(|(_, keys)| *keys);
         if !known.clone().any(|known| *known == key) {
-            let near = |known: &&&str| strsim::jaro_winkler(known, &key);
-            let nearest = known.max_by(|a, b| near(a).total_cmp(&near(b))).unwrap_or(&"");
-            return Err(wrong(line, format!("unknown key `{key}`; the nearest is `{nearest}`")));
+            let distance = |known: &&&str| strsim::damerau_levenshtein(known, &key);
+            let nearest = known.clone().min_by_key(distance);
+            let hint = match nearest.filter(|nearest| 3 * distance(nearest) <= key.chars().count())
+            {
+                Some(nearest) => format!("the nearest is `{nearest}`"),
+                None => format!("expected one of {}", quoted(known, ", ")),
+            };
+            return Err(wrong(line, format!("unknown key `{key}`; {hint}")));
         }
         let mut argument = OsString::from(format!("--{key}"));
         match value {

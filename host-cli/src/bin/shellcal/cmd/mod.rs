@@ -31,6 +31,7 @@ mod stream;
 mod synth;
 mod synth_trial;
 mod trials;
+pub(crate) use trials::evaluation::manifest_logs;
 
 use clap::builder::Resettable;
 use clap::{ArgMatches, Args, Error, FromArgMatches, Subcommand};

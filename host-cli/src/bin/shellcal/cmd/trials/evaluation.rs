@@ -1,6 +1,6 @@
 //! Options of every command that evaluates trials, reading of manifests, and the evaluation of all their trials.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 use calibration_file::CalibrationFile;
@@ -177,6 +177,13 @@ pub(super) fn parse(path: &Path) -> anyhow::Result<Manifest> {
     let text = read_text(path)?;
     let is_toml = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
     Manifest::parse(&text, is_toml).map_err(|problem| anyhow::anyhow!("{shown}:{problem}"))
+}
+
+/// The logs of a manifest that are evaluated; none if it cannot be read, which is reported when the command runs.
+pub(crate) fn manifest_logs(path: &Path) -> Vec<PathBuf> {
+    let manifest = parse(path).unwrap_or_default();
+    let entries = manifest.rows.iter().flatten().filter(|entry| !entry.exclude);
+    entries.map(|entry| folder(path).join(&entry.trial.file)).collect()
 }
 
 /// Checks that the trials of a manifest include the reference condition, if there is one.
