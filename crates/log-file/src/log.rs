@@ -401,6 +401,18 @@ impl Log {
         self.check_are_read(wanted)
     }
 
+    /// Checks that the times are not whole numbers without a unit that may number the rows, for results that depend on
+    /// durations.
+    ///
+    /// # Errors
+    /// [`PlacedProblem::UnclearTimeUnit`].
+    pub fn require_time_unit(&self) -> Result<(), LogError> {
+        let FileLayout { roles, unclear_time, columns, .. } = &self.layout;
+        let Some((step, at)) = unclear_time.zip(roles.time) else { return Ok(()) };
+        let column = columns[at].name.clone();
+        Err(self.error_in_names(PlacedProblem::UnclearTimeUnit { column, step }))
+    }
+
     /// Checks that the units of the time and the wrench are known, if these are wanted.
     fn check_units(&self, wanted: &Wanted) -> Result<(), LogError> {
         let roles = &self.layout.roles;

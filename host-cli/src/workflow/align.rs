@@ -27,6 +27,8 @@ pub fn align_logs(
     reference.require(&wrench)?;
     reference.require_axes(Axes::ALL)?;
     board.require(&readings)?;
+    reference.require_time_unit()?;
+    board.require_time_unit()?;
     if let Some(signal) = sync {
         wrench.others = reference.column_positions(std::slice::from_ref(signal))?;
         readings.texts = board.column_positions(&[ColumnRef::Name(EDGE_TIMES.to_owned())])?;

@@ -181,3 +181,20 @@ fn the_profile_that_is_printed_is_the_one_that_is_built_in() {
     let read = program::json(dir, &format!("{trial} --profile robot.toml"));
     assert_eq!(read["profile"], built_in["profile"]);
 }
+
+#[test]
+fn a_clock_that_may_number_the_rows_is_asked_for_its_unit() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let rows: String = (0..3000).map(|row| format!("{row},1.5\n")).collect();
+    fs::write(dir.join("log.csv"), format!("time,Power (W)\n{rows}")).unwrap();
+    let trial = "trial log.csv --enter 0.5 --exit 2.5";
+    let said = program::run(dir, trial, 2);
+    assert!(said.contains("line 1: the time unit of column `time` is not known"), "{said}");
+    assert!(said.contains("`--time-unit`"), "{said}");
+    let document = program::json(dir, &format!("{trial} --time-unit ms --json"));
+    // 1.5 W for 2 s; rounding of sums over 2000 rows.
+    assert!((document["electrical_energy_j"].as_f64().unwrap() - 3.0).abs() < 1e-12, "{document}");
+    program::run(dir, "trial log.csv --enter 500 --exit 2500 --unit time=s", 0);
+    program::run(dir, "info log.csv", 0);
+}

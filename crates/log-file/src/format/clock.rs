@@ -130,14 +130,12 @@ fn epoch_unit(first: &[u8]) -> Option<TimeUnit> {
     units.find(|(_, digits)| has_digits(*digits)).map(|(unit, _)| unit)
 }
 
-/// Determines the unit of integer times from their step per row, assumed to be between 100 µs and 2 s. A step below two
-/// means seconds, the default for a time without a unit.
+/// Determines the unit of integer times from their step per row, assumed to be between 100 µs and 2 s.
 ///
 /// # Errors
-/// The step, if two units are possible.
+/// The step, if two units are possible, or if the times may number the rows.
 fn unit_by_step(step: f64) -> Result<TimeUnit, f64> {
     match step {
-        ..2.0 => Ok(TimeUnit::Second),
         2e3..5e5 => Ok(TimeUnit::Microsecond),
         2e6.. => Ok(TimeUnit::Nanosecond),
         _ => Err(step),
@@ -191,7 +189,7 @@ mod tests {
         };
         let unit = |text: &str| clock(text).median_step().map(unit_by_step);
         for (step, expected) in [
-            (1, Ok(TimeUnit::Second)),
+            (1, Err(1.0)),
             (60, Err(60.0)),
             (500, Err(500.0)),
             (10_000, Ok(TimeUnit::Microsecond)),

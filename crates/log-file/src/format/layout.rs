@@ -46,6 +46,8 @@ pub(crate) struct FileLayout {
     pub(crate) origin_days: Option<f64>,
     /// True if the times are integers in ms, µs or ns, and the first one fits 32 bits.
     pub(crate) counts_in_32_bits: bool,
+    /// Step per row of times without a unit that may number the rows.
+    pub(crate) unclear_time: Option<f64>,
     pub(crate) conditions: Vec<PlacedCondition>,
     /// Column that distinguishes sensors whose rows alternate.
     pub(crate) interleaving: Option<Interleaving>,
@@ -281,6 +283,7 @@ pub(crate) fn recognise_layout(
     {
         columns[at].set_unit(TimeUnit::Second.into());
     }
+    let mut unclear_time = None;
     if let (Some(at), Some(clock), None) = (roles.time, &clock, mapping.time_unit)
         && columns[at].meaning == Meaning::Time(Scale::ONE)
         && columns[at].unit == StatedUnit::None
@@ -292,9 +295,15 @@ pub(crate) fn recognise_layout(
             let is_of = |unit: &TimeUnit| (step / unit.per_second() * rate - 1.0).abs() < 0.2;
             TimeUnit::ALL.into_iter().find(is_of)
         };
-        let unit = match clock.unit() {
-            Err(step) => Some(by_rate(step).ok_or_else(|| error(unclear(step)))?),
+        let unit = match clock.unit().map_err(|step| (step, by_rate(step))) {
             Ok(unit) => unit,
+            Err((_, Some(unit))) => Some(unit),
+            // Seconds, milliseconds or numbers of rows: most commands need none of them.
+            Err((ROW_STEP, None)) => {
+                unclear_time = Some(ROW_STEP);
+                None
+            }
+            Err((step, None)) => return Err(error(unclear(step))),
         };
         if let Some(unit) = unit {
             columns[at].set_unit(unit.into());
@@ -332,6 +341,7 @@ pub(crate) fn recognise_layout(
         rate_hz,
         origin_days,
         counts_in_32_bits,
+        unclear_time,
         conditions,
         interleaving,
         decisions,
@@ -401,6 +411,9 @@ fn interleaving(rows: &[u8], separator: u8, columns: &[Column]) -> Option<Interl
 }
 
 const DAY_S: f64 = 86_400.0;
+
+/// Step of a column that numbers the rows.
+const ROW_STEP: f64 = 1.0;
 
 /// Refuses a column with a meaning if the point or comma in a number may be decimal or between thousands.
 fn check_marks(

@@ -247,6 +247,14 @@ fn survey(conversion: &Conversion<'_>) -> Result<(ForcePipeline, PerAxis<f64>), 
             ));
         }
     }
+    let is_by_time = forces.low_pass.is_some() && !forces.low_pass_is_optional
+        || forces.tare.follows_rests()
+        || matches!(forces.tare, TareRule::Between(..))
+        || calibration.needs_time()
+        || calibration.lag.is_some_and(|lag| lag.time_base == TimeBase::Seconds);
+    if is_by_time {
+        log.require_time_unit()?;
+    }
     let mut setup = match options.load {
         Some(_) => PipelineSetup::keeping_frames(forces),
         None => PipelineSetup::new(forces),

@@ -95,6 +95,7 @@ struct Reading<'a> {
 impl<'a> Reading<'a> {
     fn new(job: &TrialJob<'a>, window: (f64, f64)) -> Result<Self, LogError> {
         let TrialJob { log, instrument, options, .. } = *job;
+        log.require_time_unit()?;
         let channels = log.channels();
         let is_traced = options.trace != TraceExtent::Nothing;
         let (mut telemetry, mut others) = (Vec::new(), Vec::new());
