@@ -35,6 +35,7 @@ pub fn evaluate(input: &TrialInput<'_>) -> Result<TrialResult, TrialError> {
     let window = rows_within(&rows.times_s, enter, exit);
     let mut diagnostics: Vec<Diagnostic> =
         trial.notes.iter().map(|notes| Diagnostic::note("manifest", notes)).collect();
+    diagnostics.extend(diagnose_terms(trial, input.instrument.profile));
     let signals = Signals::new(input, window.clone(), &mut diagnostics)?;
     let evaluation =
         TrialEvaluation { input, channel_length_m, velocity_m_s, weight_power_w, window, signals };
@@ -94,6 +95,36 @@ fn terms(trial: &Trial, profile: &Profile) -> Result<[f64; 3], TrialError> {
     let mean = length / (trial.t_exit_s - trial.t_enter_s);
     let velocity = positive("the velocity, m/s,", trial.velocity_m_s.unwrap_or(mean))?;
     Ok([length, velocity, mass * profile.robot.gravity_m_s2 * velocity])
+}
+
+/// Reports numbers of the manifest that probably have another unit.
+fn diagnose_terms(trial: &Trial, profile: &Profile) -> impl Iterator<Item = Diagnostic> {
+    /// Larger than what robots and channels differ by, smaller than the step from cm or g to the next unit.
+    const MOST: f64 = 5.0;
+    let length = trial.channel_length_m.unwrap_or(profile.channel.length_m);
+    let mean = length / (trial.t_exit_s - trial.t_enter_s);
+    let (robot, channel) = (profile.robot, profile.channel);
+    [
+        (
+            ("velocity_unit", "velocity", "m/s"),
+            (trial.velocity_m_s, mean),
+            "channel length over the time in it",
+        ),
+        (("mass_unit", "mass", "kg"), (trial.mass_kg, robot.mass_kg), "mass in the profile"),
+        (
+            ("length_unit", "channel length", "m"),
+            (trial.channel_length_m, channel.length_m),
+            "length in the profile",
+        ),
+    ]
+    .into_iter()
+    .filter_map(|((code, what, unit), (value, usual), of)| {
+        let value = value.filter(|value| !(1.0 / MOST..=MOST).contains(&(value / usual)))?;
+        let text = format!(
+            "the {what} is {value} {unit} in the manifest, but the {of} is {usual:.4} {unit}: check its unit"
+        );
+        Some(Diagnostic::warning(code, text))
+    })
 }
 
 struct TrialEvaluation<'a> {

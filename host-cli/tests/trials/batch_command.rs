@@ -486,3 +486,29 @@ fn settings_beside_the_logs_of_a_manifest_are_used() {
     assert!(asked.contains("settings in `shellcal.toml` and in `data/shellcal.toml`"), "{asked}");
     assert!(batch(dir, &two, &format!("{command} --no-config")).status.success());
 }
+
+#[test]
+fn numbers_of_a_manifest_in_other_units_are_reported() {
+    let (dir, windows) = folder(1);
+    let dir = dir.path();
+    let [enter_s, exit_s] = windows[0];
+    let mean_m_s = 0.28 / (exit_s - enter_s);
+    let warnings = |velocity_m_s: f64, mass_kg: f64| {
+        let row = format!(
+            "{HEADER},velocity_m_s,mass_kg\n1.txt,x,{enter_s},{exit_s},{velocity_m_s},{mass_kg}\n"
+        );
+        fs::write(dir.join("m.csv"), row).unwrap();
+        program::run(dir, "batch m.csv", 0)
+    };
+    let said = warnings(100.0 * mean_m_s, 87.0);
+    assert!(said.contains("m.csv:2: the velocity is") && said.contains("check its unit"), "{said}");
+    assert!(
+        said.contains(
+            "the mass is 87 kg in the manifest, but the mass in the profile is 0.0870 kg"
+        ),
+        "{said}"
+    );
+    // A robot that stops on its way, and one with a payload.
+    let said = warnings(3.0 * mean_m_s, 0.3);
+    assert!(!said.contains("unit"), "{said}");
+}

@@ -2,8 +2,8 @@
 
 use csv::{ReaderBuilder, StringRecord, Trim};
 
-use super::{CellPosition, Entry, KEYS, Manifest, ManifestProblem, Placed};
-use shell_data::hint::{did_you_mean, quoted};
+use super::{CellPosition, Entry, KEYS, Manifest, ManifestProblem, Placed, hint_for};
+use shell_data::hint::quoted;
 
 const REQUIRED: usize = 4;
 
@@ -62,8 +62,7 @@ fn header(
         let other = OTHER_NAMES.iter().find(|(other, _)| *other == plain).map(|(_, key)| *key);
         let key = KEYS.into_iter().find(|key| *key == plain).or(other);
         if key.is_none() && !name.is_empty() {
-            let hint = did_you_mean(&plain, KEYS);
-            let message = format!("unknown column `{name}`{hint}");
+            let message = format!("unknown column `{name}`{}", hint_for(&plain));
             return Err(ManifestProblem::new(lexed.field(i), message));
         }
         if key.is_some() && keys.contains(&key) {
@@ -182,6 +181,14 @@ mod tests {
             (
                 "file,conditon,t_enter_s,t_exit_s",
                 "1:6: unknown column `conditon`, did you mean `condition`?",
+            ),
+            (
+                "file,condition,t_enter_s,t_exit_s,Velocity (cm/s)",
+                "1:35: unknown column `Velocity (cm/s)`: convert its values to m/s, and call it `velocity_m_s`",
+            ),
+            (
+                "file,condition,t_enter_s,t_exit_s,mass_g",
+                "1:35: unknown column `mass_g`: convert its values to kg, and call it `mass_kg`",
             ),
             ("file,condition,t_exit_s", "1:1: no column `t_enter_s`"),
             ("file,condition,t_enter_s,t_exit_s,file", "1:35: a second column `file`"),

@@ -119,6 +119,25 @@ const KEYS: [&str; 9] = [
     "exclude",
 ];
 
+/// Says what an unknown key of a trial should be. One that differs in its unit only asks for other numbers, too.
+fn hint_for(key: &str) -> String {
+    const UNITS: [(&str, &str, &str); 6] = [
+        ("t_enter", "t_enter_s", "s"),
+        ("t_exit", "t_exit_s", "s"),
+        ("velocity", "velocity_m_s", "m/s"),
+        ("mass", "mass_kg", "kg"),
+        ("channel_length", "channel_length_m", "m"),
+        ("length", "channel_length_m", "m"),
+    ];
+    let is_of = |stem: &str| {
+        key.strip_prefix(stem).is_some_and(|unit| !unit.starts_with(char::is_alphanumeric))
+    };
+    match UNITS.iter().find(|(stem, ..)| is_of(stem)) {
+        Some((_, name, unit)) => format!(": convert its values to {unit}, and call it `{name}`"),
+        None => did_you_mean(key, KEYS),
+    }
+}
+
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct TomlManifest {
@@ -150,7 +169,7 @@ impl Manifest {
                 let position = CellPosition::of_byte(text, value.span().start);
                 let refused = |message| Err(ManifestProblem::new(position, message));
                 if !KEYS.contains(&key.as_str()) {
-                    return refused(format!("unknown key `{key}`{}", did_you_mean(key, KEYS)));
+                    return refused(format!("unknown key `{key}`{}", hint_for(key)));
                 }
                 let value = match value.get_ref() {
                     Value::String(text) => text.trim().to_owned(),
