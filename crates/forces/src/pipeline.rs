@@ -222,6 +222,8 @@ impl PipelineSetup {
             return if optional { Ok(None) } else { Err(error) };
         };
         match Butterworth::low_pass(low_pass.order, low_pass.cutoff_hz, clock.rate_hz) {
+            // An order is never a default that a slow log does not suit.
+            Err(error @ FilterError::Order(_)) => Err(error.into()),
             Ok(design) => {
                 let starts_at_zero = self.options.tare != TareRule::Untared;
                 let applied = AppliedLowPass { low_pass, rate_hz: clock.rate_hz };

@@ -292,6 +292,20 @@ fn the_trace_sees_every_frame() {
 }
 
 #[test]
+fn an_impossible_order_of_the_default_low_pass_is_refused() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = csv(directory.path(), 200, 1);
+    for order in [0, 17] {
+        let low_pass = LowPass { order, ..LowPass::default() };
+        let forces = ForceOptions { low_pass: Some(low_pass), ..ForceOptions::default() };
+        let Err(error) = run(&path, &ConvertOptions { forces, ..options() }) else {
+            panic!("order {order} was left out")
+        };
+        assert!(error.to_string().contains(&format!("filter order `{order}`")), "{error}");
+    }
+}
+
+#[test]
 fn impossible_conversions_are_refused_by_name() {
     let directory = tempfile::tempdir().unwrap();
     let path = csv(directory.path(), 30, 2);
