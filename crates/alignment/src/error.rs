@@ -14,6 +14,9 @@ pub(crate) const HIGHEST_RATIO: f64 = 0.7;
 /// Largest plausible skew, ppm: ten times that of crystals, and enough for most resonators.
 pub(crate) const LARGEST_SKEW_PPM: f64 = 1000.0;
 
+/// Ratio of the durations of two recordings if the times of one are in ms but read as s, or the like.
+pub(crate) const OTHER_UNIT: std::ops::Range<f64> = 500.0..2000.0;
+
 pub(crate) const MOST_EDGES: usize = 4096;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -52,6 +55,17 @@ pub enum AlignError {
         100.0 * ratio, 100.0 * HIGHEST_RATIO
     )]
     Ambiguous { best_s: f64, second_s: f64, ratio: f64 },
+    /// Shares of the readings explained in the rows of the fit, and in other rows.
+    #[error(
+        "no reliable match: the best offset explains {:.0} % of the readings, but {:.0} % of held-out ones",
+        100.0 * explained, 100.0 * explained_elsewhere.max(0.0)
+    )]
+    ByChance { explained: f64, explained_elsewhere: f64 },
+    /// Durations, s, that differ by about the ratio of two units.
+    #[error(
+        "the reference runs for {reference_s:.0} s, the log for {board_s:.0} s: one has times in another unit"
+    )]
+    OtherUnit { reference_s: f64, board_s: f64 },
     #[error("the recordings overlap for {0:.3} s, where {LEAST_OVERLAP_S} s are needed")]
     ShortOverlap(f64),
     /// Last step of the offset, s. The steps left the neighbourhood of the match, or did not become small.
@@ -74,14 +88,17 @@ pub enum AlignError {
 impl Hint for AlignError {
     fn hint(&self) -> Option<String> {
         let text = match self {
-            Self::NoMatch(_) => {
+            Self::NoMatch(_) | Self::ByChance { .. } => {
                 "are both of one session? While both record, tap the shell in several places at the start \
                  and the end"
             }
             Self::Ambiguous { .. } => {
-                "a repeated load fits at several offsets: tap the shell at uneven intervals, in different \
-                 places"
+                "are both of one session? Tap the shell at uneven intervals, in different places"
             }
+            Self::OtherUnit { reference_s, board_s } if reference_s > board_s => {
+                "name the unit of the reference's times, such as `--reference-time-unit ms`"
+            }
+            Self::OtherUnit { .. } => "name the unit of the log's times, such as `--time-unit ms`",
             Self::TimeGoesBack { .. } | Self::Skew(_) => {
                 "check the time columns and their units, `--time-unit` and `--reference-time-unit`"
             }
@@ -105,6 +122,8 @@ impl AlignError {
             self,
             Self::NoMatch(_)
                 | Self::Ambiguous { .. }
+                | Self::ByChance { .. }
+                | Self::OtherUnit { .. }
                 | Self::ShortOverlap(_)
                 | Self::NotConverged(_)
                 | Self::Skew(_)

@@ -28,8 +28,8 @@ mod trajectory;
 mod uncertainty;
 
 pub use edges::{EdgeMatch, Edges, rising_edges};
-use error::LARGEST_SKEW_PPM;
 pub use error::{AlignError, RecordingSide};
+use error::{LARGEST_SKEW_PPM, LEAST_EXPLAINED, OTHER_UNIT};
 pub use recording::{LeftOut, Recording};
 
 use coarse::Match;
@@ -46,6 +46,13 @@ const PROBE_S: f64 = 120.0;
 /// The maximum number of blocks of time tried.
 const PROBES: usize = 8;
 const PRIOR_SKEW: f64 = 2e-4;
+
+/// The least share of held-out readings that a match with rivals must explain. In sessions of the sensor model, a true
+/// match over 8 s with a rival explains 65 %, and a false one 32 %.
+const WITH_RIVALS: f64 = 0.5;
+
+/// The least overlap, as a share of the shorter recording, of a match that has rivals.
+const WIDE_OVERLAP: f64 = 0.8;
 
 /// The ratio of unexplained variances above which a rival is ruled out.
 const CLEARLY: f64 = 4.0;
@@ -94,6 +101,8 @@ impl ClockMap {
 pub struct Quality {
     /// Share of the readings' variance that the aligned reference explains, with memory, averaged over the channels.
     pub explained: f64,
+    /// Share of the readings of each fifth of the overlap that the reference explains with maps from the other fifths.
+    pub explained_elsewhere: f64,
     /// RMS of the unexplained part in each changing channel, around its usual reading.
     pub residual_counts: Vec<f64>,
     /// Number of the board's rows (averaged down to 250 Hz) that were compared.
@@ -146,7 +155,15 @@ pub fn align(
     let Options { exposure_s, repeats_are_stale, edges } = options;
     let reference = Clean::new(reference, RecordingSide::Reference, false)?;
     let board = Clean::new(board, RecordingSide::Board, repeats_are_stale)?;
-    let loads = by_loads(&reference, &board);
+    let ratio = reference.span_s() / board.span_s();
+    let loads = by_loads(&reference, &board).map_err(|error| {
+        match OTHER_UNIT.contains(&ratio) || OTHER_UNIT.contains(&ratio.recip()) {
+            true => {
+                AlignError::OtherUnit { reference_s: reference.span_s(), board_s: board.span_s() }
+            }
+            false => error,
+        }
+    });
     let (clock, quality, edges) = match edges {
         Some(edges) => {
             let (by_loads, quality) = loads.ok().unzip();
@@ -224,6 +241,15 @@ fn activity(board: &Clean, (from_s, to_s): (f64, f64)) -> f64 {
     board.columns.iter().map(relative).filter(|relative| relative.is_finite()).sum()
 }
 
+/// Refuses a match if its map does not explain held-out readings. Over a short overlap, many features fit anything.
+fn not_by_chance(estimate: WarpEstimate, least: f64) -> Result<WarpEstimate, AlignError> {
+    let Quality { explained, explained_elsewhere, .. } = estimate.quality;
+    match explained_elsewhere >= least {
+        true => Ok(estimate),
+        false => Err(AlignError::ByChance { explained, explained_elsewhere }),
+    }
+}
+
 struct Refinement {
     trajectory: Trajectory,
     frames: BoardFrames,
@@ -234,12 +260,13 @@ impl Refinement {
     /// Refines the match and its rivals. One of them must explain far more than any other.
     fn clearest(&self, found: &Match, probe: (f64, f64)) -> Result<WarpEstimate, AlignError> {
         if found.rivals.is_empty() {
-            return self.grow(found.offset_s, probe);
+            let estimate = self.grow(found.offset_s, probe)?;
+            return not_by_chance(estimate, LEAST_EXPLAINED);
         }
         let offsets = std::iter::once(found.offset_s).chain(found.rivals.iter().copied());
         let unexplained = |estimate: &WarpEstimate| 1.0 - estimate.quality.explained;
-        let mut estimates: Vec<WarpEstimate> =
-            offsets.filter_map(|offset_s| self.grow(offset_s, probe).ok()).collect();
+        let grown = offsets.map(|offset_s| not_by_chance(self.grow(offset_s, probe)?, WITH_RIVALS));
+        let mut estimates: Vec<WarpEstimate> = grown.filter_map(Result::ok).collect();
         estimates.sort_by(|a, b| unexplained(a).total_cmp(&unexplained(b)));
         let (best_s, ratio) = (found.offset_s, found.ratio);
         let unclear = |second_s: f64| AlignError::Ambiguous { best_s, second_s, ratio };
@@ -250,8 +277,17 @@ impl Refinement {
             }
             // If only one of several candidates converges, it has to explain the readings by itself.
             [best] if CLEARLY * unexplained(best) > 1.0 => Err(unclear(found.rivals[0])),
+            // Loads of one kind fit several offsets. Where recordings cover each other, only the true one fits all.
+            [best, ..] if self.overlap(&best.warp) < WIDE_OVERLAP => Err(unclear(found.rivals[0])),
             _ => Ok(estimates.swap_remove(0)),
         }
+    }
+
+    /// Time that both recordings cover, as a share of the shorter one.
+    fn overlap(&self, warp: &Warp) -> f64 {
+        let reference_s = self.trajectory.span_s();
+        let covered_s = warp.apply(self.span_s).min(reference_s) - warp.apply(0.0).max(0.0);
+        covered_s / self.span_s.min(reference_s)
     }
 
     /// Refines the match of a block, then of ever longer ones around it, up to the whole recording.

@@ -32,6 +32,19 @@ impl GramSums {
         self.sums.ncols()
     }
 
+    fn add_sums(&mut self, other: &Self) {
+        self.sums += &other.sums;
+        self.total += other.total;
+    }
+
+    /// The product of two columns, each a weighted sum of columns of the matrix.
+    fn product(&self, a: &[(usize, f64)], b: &[(usize, f64)]) -> f64 {
+        let term = |&(i, x): &(usize, f64)| -> f64 {
+            b.iter().map(|&(j, y)| x * y * self.sums[(i.min(j), i.max(j))]).sum()
+        };
+        a.iter().map(term).sum()
+    }
+
     /// Adds consecutive `rows`, each multiplied by the root of its weight; `weights` is the sum.
     pub(super) fn add(&mut self, rows: &[f64], weights: f64) {
         let width = self.width();
@@ -153,6 +166,38 @@ impl Projected {
         };
         ([0, 1].map(|a| [0, 1].map(|b| trace(a, b))), [0, 1].map(|a| trace(a, 2)))
     }
+}
+
+/// Share of the variance of the readings in each part, about their mean there, that maps from the other parts explain:
+/// the mean over the channels that vary. Feature 0 is a constant. `None` if the parts do not determine the maps.
+///
+/// The maps have the features of `keep`. Many features explain any readings of a short time, but not those of others.
+pub(super) fn explained_elsewhere(
+    parts: &[GramSums],
+    keep: impl Fn(usize) -> bool + Copy,
+) -> Option<f64> {
+    let &GramSums { features, channels, .. } = parts.first()?;
+    let mut sums = vec![[0.0; 2]; channels];
+    for (number, part) in parts.iter().enumerate() {
+        let mut others = GramSums::new(features, channels);
+        let others_of = parts.iter().enumerate().filter(|(other, _)| *other != number);
+        others_of.for_each(|(_, other)| others.add_sums(other));
+        let Projected { map, bends, .. } = Projected::new(&others, keep)?;
+        let about_mean = |column: &[(usize, f64)]| {
+            part.product(column, column) - part.product(column, &[(0, 1.0)]).powi(2) / part.total
+        };
+        for (channel, sums) in sums.iter_mut().enumerate().filter(|_| part.total > 0.0) {
+            let powers = features + 3 * channels + channel * POWERS;
+            let mut column = vec![(features + 2 * channels + channel, 1.0)];
+            column.extend(bends[channel].iter().enumerate().map(|(k, &share)| (powers + k, share)));
+            sums[1] += about_mean(&column);
+            column.extend((0..features).map(|feature| (feature, -map[(feature, channel)])));
+            sums[0] += about_mean(&column);
+        }
+    }
+    let explained: Vec<f64> =
+        sums.iter().filter(|sums| sums[1] > 0.0).map(|sums| 1.0 - sums[0] / sums[1]).collect();
+    Some(explained.iter().sum::<f64>() / explained.len().max(1) as f64)
 }
 
 fn subtract_multiple(values: &mut [f64], factor: f64, other: &[f64]) {

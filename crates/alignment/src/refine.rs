@@ -30,7 +30,7 @@ use faer::{Mat, MatRef};
 use super::choice::Candidates;
 use super::error::{AlignError, LEAST_OVERLAP_S};
 use super::inner_products::dots;
-use super::normal::{GramSums, Projected, inverse};
+use super::normal::{GramSums, Projected, explained_elsewhere, inverse};
 use super::optics::{Bend, POWERS, Straight};
 use super::recording::BoardFrames;
 use super::response::{Family, MemoryModel};
@@ -60,6 +60,8 @@ const OUTLIER: f64 = 4.0;
 const NEARLY_S: f64 = 5e-4;
 /// A step of this length has lost the match, s.
 const LOST_S: f64 = 10.0;
+/// Number of parts of the overlap, each explained by the others.
+const PARTS: usize = 5;
 const EXCERPT_S: f64 = 0.6;
 /// The largest step of the offset, s: features hardly change over a shorter one.
 const LARGEST_STEP_S: f64 = 0.01;
@@ -346,6 +348,17 @@ impl<'a> WarpProblem<'a> {
         gram
     }
 
+    /// Share of the readings in each part of the overlap that the load explains with maps from the other parts. The
+    /// maps have no memory: the few features can be told from little data.
+    fn explained_elsewhere(&self, warp: &Warp, current: &KnownSensor) -> f64 {
+        let of = |number: usize| self.rows.start + number * self.rows.len() / PARTS;
+        let parts: Vec<GramSums> = (0..PARTS)
+            .map(|number| Self { rows: of(number)..of(number + 1), ..*self }.gram(warp, current))
+            .collect();
+        let linear = CONSTANTS + self.trajectory.axes;
+        explained_elsewhere(&parts, |feature| feature < linear).unwrap_or(0.0)
+    }
+
     fn finish(
         &self,
         warp: Warp,
@@ -373,6 +386,7 @@ impl<'a> WarpProblem<'a> {
             }
         });
         let quality = Quality {
+            explained_elsewhere: self.explained_elsewhere(&warp, current),
             white_se: [white[0][0].sqrt(), white[1][1].sqrt()],
             spring_delay_s: sums.delay_s(),
             residual_counts: sums.residual(),

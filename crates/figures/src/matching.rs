@@ -84,6 +84,7 @@ mod tests {
     fn an_empty_match_is_drawn_too() {
         let quality = Quality {
             explained: 0.0,
+            explained_elsewhere: 0.0,
             residual_counts: vec![],
             rows: 0,
             search_explained: 0.0,

@@ -89,6 +89,54 @@ fn a_match_that_is_not_clear_writes_nothing_and_exits_with_1() {
     assert!(!at.join("train.csv").exists());
 }
 
+/// Writes the header and the rows with times (s) from `from_s` on and before `to_s`, with times in units of `unit_s`.
+fn cut(at: &Path, (from, to): (&str, &str), [from_s, to_s]: [f64; 2], unit_s: f64) {
+    let text = std::fs::read_to_string(at.join(from)).unwrap();
+    let (header, rows) = text.split_once('\n').unwrap();
+    let row = |line: &str| {
+        let (time, rest) = line.split_once(',').unwrap();
+        let time_s: f64 = time.parse().unwrap();
+        let is_in = (from_s..to_s).contains(&time_s);
+        is_in.then(|| format!("{:.6},{rest}", time_s / unit_s))
+    };
+    let rows: Vec<String> = rows.lines().filter_map(row).collect();
+    std::fs::write(at.join(to), format!("{header}\n{}\n", rows.join("\n"))).unwrap();
+}
+
+#[test]
+fn recordings_of_different_times_are_refused() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = directory.path();
+    // The reference's clock is 10 s ahead. Its first 15 s end before the log's last 15 s begin.
+    succeed(
+        at,
+        "synth pair ref.csv log.csv --duration 40 --rate 100 --reference-rate 1000 --offset 10",
+    );
+    cut(at, ("ref.csv", "early.csv"), [0.0, 25.0], 1.0);
+    cut(at, ("log.csv", "late.csv"), [25.0, 40.0], 1.0);
+    let (_, message) = ended(at, "align early.csv late.csv -o train.csv", 1);
+    assert!(message.contains("one session"), "{message}");
+    // Another session of the same length, with the same kind of loads.
+    succeed(
+        at,
+        "synth pair ref2.csv log2.csv --duration 40 --rate 100 --reference-rate 1000 --seed 2",
+    );
+    ended(at, "align ref.csv log2.csv -o train.csv", 1);
+    assert!(!at.join("train.csv").exists());
+}
+
+#[test]
+fn times_in_another_unit_are_named_as_the_cause() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = directory.path();
+    succeed(at, PAIR);
+    cut(at, ("ref.csv", "ms.csv"), [f64::NEG_INFINITY, f64::INFINITY], 1e-3);
+    let (_, message) = ended(at, "align ms.csv log.csv -o train.csv", 1);
+    assert!(message.contains("one has times in another unit"), "{message}");
+    assert!(message.contains("--reference-time-unit ms"), "{message}");
+    succeed(at, "align ms.csv log.csv -o train.csv --reference-time-unit ms");
+}
+
 #[test]
 fn unreadable_logs_exit_with_2() {
     let directory = tempfile::tempdir().unwrap();

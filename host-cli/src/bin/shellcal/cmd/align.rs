@@ -156,7 +156,7 @@ impl AlignArgs {
                 edges?: found.edges.as_ref(),
                 // Absent if the loads do not match and the clock is based on edges.
                 ..loads: quality.map(|quality| document! {
-                    quality.{explained, spring_delay_s, search_explained},
+                    quality.{explained, explained_elsewhere, spring_delay_s, search_explained},
                     residual_counts: &quality.residual_counts,
                     white_offset_se_s: quality.white_se[0],
                     white_skew_se: quality.white_se[1],
