@@ -3,7 +3,8 @@
 //! The model of the drag is zero, rising while the robot enters, constant, falling while it leaves, zero, plus an
 //! offset. It rises and falls smoothly, since the nose of a rounded shell bends its first beam only slightly. All
 //! pairs of entry and exit on a coarse grid are tried, with height and offset by least squares, and the best is
-//! refined with halved steps. The drag is first averaged over a stride, which removes the shaking by the legs.
+//! refined with halved steps. The drag is first averaged over a stride, which removes the shaking by the legs; so is the
+//! model.
 //!
 //! The *confidence* is the share of the slow variation of the drag that this plateau explains (R²), low for a drag
 //! that comes and goes, or is small against other variations. Standard errors come from non-linear least squares,
@@ -11,7 +12,7 @@
 
 mod plateau;
 
-use plateau::{DragPlateau, PlateauFit, refine, search, standard_errors};
+use plateau::{DragPlateau, MeanDrag, PlateauFit, refine, search, standard_errors};
 
 const BINS: usize = 240;
 /// The averaging time if the length of a stride is unknown, s.
@@ -19,6 +20,9 @@ const USUAL_STRIDE_S: f64 = 0.25;
 const LEAST_CONFIDENCE: f64 = 0.5;
 /// Confidence from which on a proposal can be used without inspection.
 pub const GOOD_CONFIDENCE: f64 = 0.8;
+/// Standard error of entry and exit up to which a proposal can be used without inspection, as a share of the window:
+/// the mean drag is off by about as much.
+const GOOD_SE: f64 = 0.1;
 /// The minimum drag, in units of its standard error.
 const LEAST_SIGNIFICANCE: f64 = 4.0;
 
@@ -42,7 +46,16 @@ pub struct Proposal {
 
 impl Proposal {
     pub fn is_good(&self) -> bool {
+        let longest_se_s = self.t_enter_se_s.max(self.t_exit_se_s);
         self.confidence >= GOOD_CONFIDENCE
+            && longest_se_s <= GOOD_SE * (self.t_exit_s - self.t_enter_s)
+    }
+
+    /// Adds to the standard errors the time within which the drag shows no difference, s.
+    pub fn with_resolution(self, resolution_s: f64) -> Self {
+        let [t_enter_se_s, t_exit_se_s] =
+            [self.t_enter_se_s, self.t_exit_se_s].map(|se| se.hypot(resolution_s));
+        Self { t_enter_se_s, t_exit_se_s, ..self }
     }
 
     pub fn drag_at(&self, time_s: f64) -> f64 {
@@ -97,11 +110,13 @@ pub fn propose_window(
     }
     let points = slow_points(&rows, first, bin_s, stride_s.max(bin_s));
     let fit = refine(&points, search(&points), [first, last], bin_s);
-    judge(&points, fit, [first, last], stride_s.max(2.0 * bin_s))
+    let found = judge(&points, fit, [first, last], stride_s.max(2.0 * bin_s))?;
+    // Flanks that are shorter than a bin look alike.
+    Ok(found.with_resolution(0.5 * bin_s))
 }
 
-/// Time, and mean drag over a stride around it, for every bin with rows.
-fn slow_points(rows: &[(f64, f64)], first: f64, bin_s: f64, width_s: f64) -> Vec<(f64, f64)> {
+/// Mean drag over a stride around the middle of every bin, where there are rows.
+fn slow_points(rows: &[(f64, f64)], first: f64, bin_s: f64, width_s: f64) -> Vec<MeanDrag> {
     let mut sums = Vec::with_capacity(rows.len() + 1);
     sums.push(0.0);
     for (_, drag) in rows {
@@ -111,21 +126,31 @@ fn slow_points(rows: &[(f64, f64)], first: f64, bin_s: f64, width_s: f64) -> Vec
         let middle = first + (bin as f64 + 0.5) * bin_s;
         let from = rows.partition_point(|row| row.0 < middle - 0.5 * width_s);
         let to = rows.partition_point(|row| row.0 < middle + 0.5 * width_s);
-        (to > from).then(|| (middle, (sums[to] - sums[from]) / (to - from) as f64))
+        let count = (to - from) as f64;
+        (to > from).then(|| {
+            let (from_s, to_s) = (rows[from].0, rows[to - 1].0);
+            // Each row stands for the time halfway to its neighbours.
+            let half_s = 0.5 * (to_s - from_s) / (count - 1.0).max(1.0);
+            MeanDrag {
+                from_s: from_s - half_s,
+                to_s: to_s + half_s,
+                drag_n: (sums[to] - sums[from]) / count,
+            }
+        })
     };
     (0..BINS).filter_map(mean_around).collect()
 }
 
 fn judge(
-    points: &[(f64, f64)],
+    points: &[MeanDrag],
     fit: PlateauFit,
     [first, last]: [f64; 2],
     margin_s: f64,
 ) -> Result<Proposal, NoWindow> {
     let PlateauFit { plateau, drag, outside, residual } = fit;
     let (t_enter_s, t_exit_s) = (plateau.enter, plateau.exit);
-    let mean = points.iter().map(|point| point.1).sum::<f64>() / points.len() as f64;
-    let total: f64 = points.iter().map(|point| (point.1 - mean).powi(2)).sum();
+    let mean = points.iter().map(|point| point.drag_n).sum::<f64>() / points.len() as f64;
+    let total: f64 = points.iter().map(|point| (point.drag_n - mean).powi(2)).sum();
     let confidence = if total > 0.0 { (1.0 - residual / total).clamp(0.0, 1.0) } else { 0.0 };
     let [drag_se_n, t_enter_se_s, t_exit_se_s] = standard_errors(points, &fit);
     if drag <= LEAST_SIGNIFICANCE * drag_se_n {
@@ -213,6 +238,36 @@ mod tests {
         assert!((found.t_exit_s - 7.654).abs() < 2e-3);
         assert!((found.drag_n - 0.3).abs() < 1e-4 && (found.outside_n - 0.02).abs() < 1e-4);
         assert!(found.confidence > 0.9999);
+    }
+
+    #[test]
+    fn a_sharp_plateau_is_found_whatever_the_length_of_a_stride() {
+        // Drag from 6 to 14 s, with noise of 1/150 of it, at 100 Hz.
+        let mut random = Random(1);
+        let time_s: Vec<f64> = (0..2000).map(|i| 0.01 * f64::from(i)).collect();
+        let drag_at = |t: f64| if (6.0..14.0).contains(&t) { 0.3 } else { 0.0 };
+        let drag_n: Vec<f64> =
+            time_s.iter().map(|&t| drag_at(t) + 0.002 * random.normal()).collect();
+        for stride_s in [None, Some(2.0), Some(1.0), Some(0.5), Some(0.2), Some(1.0 / 13.0)] {
+            let found = propose_window(&time_s, &drag_n, stride_s).unwrap();
+            let off = [found.t_enter_s - 6.0, found.t_exit_s - 14.0];
+            // Bins are 83 ms long: half of one is the standard error, as the noise is small.
+            assert!(off.iter().all(|off| off.abs() < 0.083), "{stride_s:?} {found:?}");
+            assert!((found.t_enter_se_s - 0.042).abs() < 0.002, "{stride_s:?} {found:?}");
+        }
+    }
+
+    #[test]
+    fn a_window_whose_end_is_in_a_gap_is_not_good() {
+        // No rows from 4.0 to 8.5 s, where the drag ends at 8 s.
+        let mut random = Random(2);
+        let time_s = (0..1000).map(|i| 0.01 * f64::from(i)).filter(|t| !(4.0..8.5).contains(t));
+        let time_s: Vec<f64> = time_s.collect();
+        let drag_at = |t: f64| if (2.0..8.0).contains(&t) { 0.3 } else { 0.0 };
+        let drag_n: Vec<f64> =
+            time_s.iter().map(|&t| drag_at(t) + 0.02 * random.normal()).collect();
+        let found = propose_window(&time_s, &drag_n, None);
+        assert!(found.is_err() || !found.unwrap().is_good(), "{found:?}");
     }
 
     #[test]

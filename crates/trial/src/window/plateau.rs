@@ -2,6 +2,22 @@
 
 /// Initial values of the rise and the fall, each as a share of the window.
 const RAMPS: [f64; 4] = [0.05, 0.15, 0.3, 0.45];
+/// The shortest and the longest rise, as shares of the window.
+const RAMP_LIMITS: [f64; 2] = [1e-3, 0.5];
+
+/// The mean drag over the rows from `from_s` to `to_s`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct MeanDrag {
+    pub(super) from_s: f64,
+    pub(super) to_s: f64,
+    pub(super) drag_n: f64,
+}
+
+impl MeanDrag {
+    fn middle_s(&self) -> f64 {
+        0.5 * (self.from_s + self.to_s)
+    }
+}
 
 #[derive(Clone, Copy, Debug)]
 pub(super) struct DragPlateau {
@@ -20,6 +36,27 @@ impl DragPlateau {
         let x = rising.min(falling).clamp(0.0, 1.0);
         x * x * (3.0 - 2.0 * x)
     }
+
+    /// The mean of the share over the time of a point: the drag was averaged, so the model is too.
+    fn mean_share(&self, over: &MeanDrag) -> f64 {
+        let length_s = over.to_s - over.from_s;
+        if length_s <= 0.0 {
+            return self.share(over.from_s);
+        }
+        (self.share_until(over.to_s) - self.share_until(over.from_s)) / length_s
+    }
+
+    /// ∫ share dt up to `time_s`, s.
+    fn share_until(&self, time_s: f64) -> f64 {
+        let ramp_s = self.ramp * (self.exit - self.enter);
+        // ∫ x²(3 − 2x) dx = x³ − x⁴/2 on a ramp, and 1 per unit of x after it.
+        let ramp_until = |start_s: f64| {
+            let x = (time_s - start_s) / ramp_s;
+            let on_ramp = x.clamp(0.0, 1.0);
+            ramp_s * (on_ramp.powi(3) * (1.0 - 0.5 * on_ramp) + (x - 1.0).max(0.0))
+        };
+        ramp_until(self.enter) - ramp_until(self.exit - ramp_s)
+    }
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -31,14 +68,14 @@ pub(super) struct PlateauFit {
 }
 
 /// The best plateau on a coarse grid: every third point as entry and exit.
-pub(super) fn search(points: &[(f64, f64)]) -> PlateauFit {
+pub(super) fn search(points: &[MeanDrag]) -> PlateauFit {
     const STEP: usize = 3;
     let mut best: Option<PlateauFit> = None;
     for enter in (0..points.len()).step_by(STEP) {
         for exit in (enter + 2 * STEP..points.len()).step_by(STEP) {
             for ramp in RAMPS {
-                let fit =
-                    fit(points, DragPlateau { enter: points[enter].0, exit: points[exit].0, ramp });
+                let [enter, exit] = [enter, exit].map(|at| points[at].middle_s());
+                let fit = fit(points, DragPlateau { enter, exit, ramp });
                 // An interval with less drag than outside would fit as well, with a negative height.
                 if fit.drag > 0.0 && best.is_none_or(|best| fit.residual < best.residual) {
                     best = Some(fit);
@@ -46,28 +83,32 @@ pub(super) fn search(points: &[(f64, f64)]) -> PlateauFit {
             }
         }
     }
-    let whole =
-        DragPlateau { enter: points[0].0, exit: points[points.len() - 1].0, ramp: RAMPS[0] };
+    let [enter, exit] = [0, points.len() - 1].map(|at| points[at].middle_s());
+    let whole = DragPlateau { enter, exit, ramp: RAMPS[0] };
     best.unwrap_or_else(|| fit(points, whole))
 }
 
 /// Improves entry, exit and ramp by steps that are halved.
 pub(super) fn refine(
-    points: &[(f64, f64)],
+    points: &[MeanDrag],
     mut best: PlateauFit,
     [first, last]: [f64; 2],
     bin_s: f64,
 ) -> PlateauFit {
+    let [shortest, longest] = RAMP_LIMITS;
     let mut step = 2.0 * bin_s;
     while step > 0.01 * bin_s {
         let mut moved = false;
         for direction in [-1.0, 1.0] {
             let by = direction * step;
             let DragPlateau { enter, exit, ramp } = best.plateau;
+            // The middles of rise and fall stay: they are known far better than the ramp.
+            let (earlier, later) = ((enter - 0.5 * by).max(first), (exit + 0.5 * by).min(last));
+            let longer = (ramp * (exit - enter) + by) / (later - earlier);
             let candidates = [
                 DragPlateau { enter: (enter + by).max(first), ..best.plateau },
                 DragPlateau { exit: (exit + by).min(last), ..best.plateau },
-                DragPlateau { ramp: (ramp + by / (exit - enter)).clamp(0.02, 0.5), ..best.plateau },
+                DragPlateau { enter: earlier, exit: later, ramp: longer.clamp(shortest, longest) },
             ];
             for plateau in candidates {
                 let fit = fit(points, plateau);
@@ -85,11 +126,11 @@ pub(super) fn refine(
 }
 
 /// Fits height and offset by least squares: the drag is a line over the plateau's share.
-fn fit(points: &[(f64, f64)], plateau: DragPlateau) -> PlateauFit {
+fn fit(points: &[MeanDrag], plateau: DragPlateau) -> PlateauFit {
     let n = points.len() as f64;
     let [mut x, mut y, mut xx, mut xy, mut yy] = [0.0; 5];
-    for &(time_s, drag) in points {
-        let share = plateau.share(time_s);
+    for point in points {
+        let (share, drag) = (plateau.mean_share(point), point.drag_n);
         x += share;
         y += drag;
         xx += share * share;
@@ -102,28 +143,30 @@ fn fit(points: &[(f64, f64)], plateau: DragPlateau) -> PlateauFit {
 }
 
 /// Standard errors of height, entry and exit; infinite if the data do not determine them.
-pub(super) fn standard_errors(points: &[(f64, f64)], fit: &PlateauFit) -> [f64; 3] {
+pub(super) fn standard_errors(points: &[MeanDrag], fit: &PlateauFit) -> [f64; 3] {
     const UNKNOWNS: usize = 5;
     let n = points.len();
-    let model = |plateau: &DragPlateau, time_s: f64| fit.outside + fit.drag * plateau.share(time_s);
+    let model =
+        |plateau: DragPlateau, point: &MeanDrag| fit.outside + fit.drag * plateau.mean_share(point);
     let residuals: Vec<f64> =
-        points.iter().map(|&(time_s, drag)| drag - model(&fit.plateau, time_s)).collect();
-    let step_s = 1e-3 * (fit.plateau.exit - fit.plateau.enter);
-    let slope = |[enter, exit, ramp]: [f64; 3], time_s: f64| {
-        let moved = |sign: f64| DragPlateau {
-            enter: fit.plateau.enter + sign * enter,
-            exit: fit.plateau.exit + sign * exit,
-            ramp: fit.plateau.ramp + sign * ramp,
-        };
-        (model(&moved(1.0), time_s) - model(&moved(-1.0), time_s)) / (2.0 * (enter + exit + ramp))
+        points.iter().map(|point| point.drag_n - model(fit.plateau, point)).collect();
+    let DragPlateau { enter, exit, ramp } = fit.plateau;
+    let step_s = 1e-3 * (exit - enter);
+    // The averaging hides a change of the ramp that is much shorter: its slope is over a longer one.
+    let averaged_s = points.iter().map(|point| point.to_s - point.from_s).fold(0.0, f64::max);
+    let ramp_step = (averaged_s / (exit - enter)).max(1e-3);
+    let slope = |low: DragPlateau, high: DragPlateau, step: f64, point: &MeanDrag| {
+        (model(high, point) - model(low, point)) / step
     };
+    let at = |enter, exit, ramp| DragPlateau { enter, exit, ramp };
     let mut normal = [[0.0; UNKNOWNS]; UNKNOWNS];
-    for &(time_s, _) in points {
+    for point in points {
+        let [enters, exits] = [enter, exit].map(|s| [s - step_s, s + step_s]);
         let row = [
-            fit.plateau.share(time_s),
-            slope([step_s, 0.0, 0.0], time_s),
-            slope([0.0, step_s, 0.0], time_s),
-            slope([0.0, 0.0, 1e-3], time_s),
+            fit.plateau.mean_share(point),
+            slope(at(enters[0], exit, ramp), at(enters[1], exit, ramp), 2.0 * step_s, point),
+            slope(at(enter, exits[0], ramp), at(enter, exits[1], ramp), 2.0 * step_s, point),
+            slope(fit.plateau, at(enter, exit, ramp + ramp_step), ramp_step, point),
             1.0,
         ];
         for i in 0..UNKNOWNS {

@@ -90,5 +90,8 @@ pub fn search_window(job: &TrialJob<'_>) -> Result<WindowSearch, WorkflowError> 
         return Err(WorkflowError::NoForces);
     }
     let proposal = propose_window(&t_s, &drag_n, row.stride_frequency_hz.map(f64::recip));
+    // A zero-phase low-pass makes a step rise about this much earlier.
+    let resolution_s = forces.low_pass.map_or(0.0, |low_pass| 0.5 / low_pass.cutoff_hz);
+    let proposal = proposal.map(|found| found.with_resolution(resolution_s));
     Ok(WindowSearch { time_s: t_s, drag_n, proposal })
 }

@@ -63,9 +63,11 @@ fn print(printer: &Printer, found: &[LogWindow]) {
     }
     for (log, proposal) in found {
         match proposal {
-            Ok(proposal) if !proposal.is_good() => printer.warning(format!(
+            Ok(proposal) if proposal.confidence < GOOD_CONFIDENCE => printer.warning(format!(
                 "{log}: the confidence is below {GOOD_CONFIDENCE}: look at it with `--plot`"
             )),
+            Ok(proposal) if !proposal.is_good() => printer
+                .warning(format!("{log}: entry or exit is uncertain: look at it with `--plot`")),
             Ok(_) => {}
             Err(reason) => printer.warning(format!("{log}: {reason}")),
         }
