@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::hash::Hash;
 
-use super::manifest::{CellPosition, ManifestProblem};
+use super::manifest::{CellPosition, Lexed, ManifestProblem, separator};
 use super::statistics::{MeanDifference, Statistics, ValueSample};
 use shell_data::hint::did_you_mean;
 
@@ -13,8 +13,10 @@ pub struct ValueTable {
     /// The column whose rows with the same entry are strides of one trial.
     pub trial: Option<String>,
     pub quantities: Vec<String>,
-    /// Number of empty cells in the column of each quantity. They are missing values.
-    pub empty: Vec<usize>,
+    /// Number of missing values in the column of each quantity: cells that are empty, `nan` or `NA`.
+    pub missing: Vec<usize>,
+    /// The first cell without a number, for each column that mostly has numbers and was not asked for.
+    pub left_out: Vec<ManifestProblem>,
     /// Conditions in order of first occurrence, with one sample per quantity.
     pub conditions: Vec<(String, Vec<ValueSample>)>,
 }
@@ -28,6 +30,9 @@ pub struct ValueRow {
     /// `None` for the reference itself.
     pub difference: Option<MeanDifference>,
 }
+
+/// Names of the column whose rows with the same entry are strides of one trial, in order of preference.
+const TRIAL_NAMES: [&str; 5] = ["file", "trial", "run", "log", "session"];
 
 /// Groups items by key, in the order in which the keys first occur.
 fn groups<T, K: Eq + Hash>(
@@ -47,7 +52,8 @@ fn groups<T, K: Eq + Hash>(
 impl ValueTable {
     /// Reads a table with a header. Conditions are in the column `by`, or else in `condition` or the first column.
     /// Values are in the columns `of`, or else in all others with only numbers. Rows with the same entry in the column
-    /// `trial`, or else in `file`, are strides of one trial, which resemble each other.
+    /// `trial`, or else in the first of `file`, `trial`, `run`, `log` and `session`, are strides of one trial, which
+    /// resemble each other. Fields are separated as in a manifest; with semicolons or tabs, commas may be decimal.
     ///
     /// # Errors
     /// [`ManifestProblem`] if such a column, a column of numbers, a field or any row is missing.
@@ -62,9 +68,10 @@ impl ValueTable {
             message,
         };
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+        let separator = separator(text);
         let mut reader = csv::ReaderBuilder::new();
-        let mut reader =
-            reader.trim(csv::Trim::All).comment(Some(b'#')).from_reader(text.as_bytes());
+        let reader = reader.trim(csv::Trim::All).comment(Some(b'#')).delimiter(separator);
+        let mut reader = reader.from_reader(text.as_bytes());
         let line_of =
             |error: &csv::Error| error.position().map_or(1, |position| position.line() as usize);
         let header = reader.headers().map_err(|error| at(line_of(&error), error.to_string()))?;
@@ -75,9 +82,11 @@ impl ValueTable {
                 at(1, format!("no column `{name}`{hint}"))
             })
         };
-        let usual = |name: &str| header.iter().position(|column| column == name);
+        let usual = |name: &str| header.iter().position(|column| column.eq_ignore_ascii_case(name));
         let by = by.map_or_else(|| Ok(usual("condition").unwrap_or(0)), find)?;
-        let trial = trial.map(find).or_else(|| usual("file").map(Ok)).transpose()?;
+        let trials = TRIAL_NAMES.into_iter().filter_map(usual).filter(|column| *column != by);
+        let trials: Vec<usize> = trials.collect();
+        let trial = trial.map(find).transpose()?.or_else(|| trials.first().copied());
         let trial = trial.filter(|column| *column != by);
         let of = of.map(|names| names.iter().map(|name| find(name)).collect::<Result<Vec<_>, _>>());
         let of = of.transpose()?;
@@ -88,19 +97,44 @@ impl ValueTable {
         if rows.is_empty() {
             return Err(at(1, "the table has no rows".to_owned()));
         }
-        let number = |field: &str| field.parse::<f64>().ok().filter(|value| value.is_finite());
-        // An empty field is a missing value.
-        let is_number = |column: &usize| {
-            rows.iter().all(|row| row[*column].is_empty() || number(&row[*column]).is_some())
+        let is_missing = |field: &str| {
+            ["", "nan", "na"].iter().any(|missing| field.eq_ignore_ascii_case(missing))
         };
-        let columns = (0..header.len()).filter(|column| *column != by && Some(*column) != trial);
-        let columns: Vec<usize> = columns.filter(is_number).collect();
-        if let Some(text) = of.iter().flatten().find(|position| !columns.contains(position)) {
-            return Err(at(1, format!("column `{}` does not hold numbers alone", header[*text])));
+        let number = |field: &str| {
+            let with_point = (separator != b',').then(|| field.replace(',', "."));
+            let number = with_point.as_deref().unwrap_or(field).parse::<f64>().ok();
+            number.filter(|value| value.is_finite())
+        };
+        let is_fault = |field: &str| !is_missing(field) && number(field).is_none();
+        let fault = |column: usize| {
+            let row = rows.iter().find(|row| is_fault(&row[column]))?;
+            let start = row.position().map_or(0, |position| position.byte() as usize);
+            let position = Lexed::new(text, start, separator).field(column);
+            let (name, cell) = (&header[column], &row[column]);
+            let message = format!("`{name}` is `{cell}`, expected a number or nothing");
+            Some(ManifestProblem { position, message })
+        };
+        if let Some(problem) = of.iter().flatten().find_map(|&column| fault(column)) {
+            return Err(problem);
         }
+        let is_value = |column: &usize| *column != by && Some(*column) != trial;
+        let columns = (0..header.len()).filter(is_value);
+        let columns = columns.filter(|column| !trials.contains(column));
+        let mostly_numbers = |column: &usize| {
+            let count =
+                |is: &dyn Fn(&str) -> bool| rows.iter().filter(|row| is(&row[*column])).count();
+            count(&|field| number(field).is_some()) > count(&is_fault)
+        };
+        let (columns, faulty): (Vec<usize>, Vec<usize>) =
+            columns.partition(|&column| fault(column).is_none());
+        let left_out = match of {
+            Some(_) => Vec::new(),
+            None => faulty.into_iter().filter(mostly_numbers).filter_map(fault).collect(),
+        };
         let columns = of.unwrap_or(columns);
         if columns.is_empty() {
-            return Err(at(1, "no column holds numbers alone".to_owned()));
+            let fault = left_out.into_iter().next();
+            return Err(fault.unwrap_or_else(|| at(1, "no column holds numbers alone".to_owned())));
         }
         let conditions = groups(rows.iter().enumerate(), |(_, row)| &row[by]).into_iter();
         let conditions = conditions.map(|rows| {
@@ -119,10 +153,11 @@ impl ValueTable {
         Ok(Self {
             by: header[by].clone(),
             trial: trial.map(|column| header[column].clone()),
-            empty: columns
+            missing: columns
                 .iter()
-                .map(|&column| rows.iter().filter(|row| row[column].is_empty()).count())
+                .map(|&column| rows.iter().filter(|row| is_missing(&row[column])).count())
                 .collect(),
+            left_out,
             conditions: conditions.collect(),
             quantities: columns.iter().map(|&column| header[column].clone()).collect(),
         })
@@ -178,6 +213,40 @@ mod tests {
     }
 
     #[test]
+    fn the_column_of_trials_is_found_by_its_name_and_holds_no_values() {
+        for (header, expected) in [
+            ("trial,condition,x", "trial"),
+            ("Session,condition,x", "Session"),
+            ("run,condition,x,log", "run"),
+        ] {
+            let log = if header.ends_with("log") { ",7" } else { "" };
+            let text = format!("{header}\n1,b,1{log}\n1,b,2{log}\n2,b,4{log}\n");
+            let table = ValueTable::parse(&text, None, None, None).unwrap();
+            assert_eq!(table.trial.as_deref(), Some(expected));
+            assert_eq!(table.quantities, ["x"], "{header}");
+            assert_eq!(table.statistics(None, 1)[0].statistics.trials, 2);
+        }
+    }
+
+    #[test]
+    fn missing_values_are_counted_and_a_column_with_a_fault_is_named() {
+        let text = "condition,x,y\na,1,2\na,nan,3\n\na,NA,4 mJ\na,3,5\n";
+        let table = ValueTable::parse(text, None, None, None).unwrap();
+        assert_eq!((&*table.quantities, &*table.missing), (&["x".to_owned()][..], &[2][..]));
+        assert_eq!(table.statistics(None, 1)[0].statistics.mean, 2.0);
+        let left_out: Vec<String> = table.left_out.iter().map(ToString::to_string).collect();
+        assert_eq!(left_out, ["5:6: `y` is `4 mJ`, expected a number or nothing"]);
+    }
+
+    #[test]
+    fn semicolons_and_decimal_commas_are_read() {
+        let text = "condition;value\na;1,5\na;1,7\n";
+        let table = ValueTable::parse(text, None, None, None).unwrap();
+        // (1.5 + 1.7) / 2, to a rounding.
+        assert!((table.statistics(None, 1)[0].statistics.mean - 1.6).abs() < 1e-15);
+    }
+
+    #[test]
     fn tables_without_values_are_refused() {
         for (text, by, message) in [
             ("a,b\n1,x\n", None, "1:1: no column holds numbers alone"),
@@ -188,7 +257,7 @@ mod tests {
         }
         let of = ["who".to_owned()];
         let error = ValueTable::parse("a,b,who\nx,1,me\n", None, None, Some(&of)).unwrap_err();
-        assert_eq!(error.message, "column `who` does not hold numbers alone");
+        assert_eq!(error.to_string(), "2:5: `who` is `me`, expected a number or nothing");
         let error = ValueTable::parse("a,b\nx,1\ny\n", None, None, None).unwrap_err();
         assert_eq!(error.position.line, 3);
     }

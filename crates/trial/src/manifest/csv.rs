@@ -21,10 +21,7 @@ const OTHER_NAMES: [(&str, &str); 9] = [
 
 pub(super) fn parse(text: &str) -> Result<Manifest, ManifestProblem> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-    let is_header = |line: &&str| !line.trim().is_empty() && !line.starts_with('#');
-    let first = text.lines().find(is_header).unwrap_or_default();
-    let separator = b";\t".iter().find(|s| first.as_bytes().contains(s));
-    let separator = *separator.unwrap_or(&b',');
+    let separator = separator(text);
     let mut reader = ReaderBuilder::new()
         .has_headers(false)
         .flexible(true)
@@ -50,6 +47,13 @@ pub(super) fn parse(text: &str) -> Result<Manifest, ManifestProblem> {
     }
     let empty = || ManifestProblem::new(CellPosition::START, "the manifest is empty".to_owned());
     keys.map(|_| manifest).ok_or_else(empty)
+}
+
+/// The separator in the first line that is neither blank nor a comment.
+pub(crate) fn separator(text: &str) -> u8 {
+    let is_header = |line: &&str| !line.trim().is_empty() && !line.starts_with('#');
+    let first = text.lines().find(is_header).unwrap_or_default();
+    *b";\t".iter().find(|s| first.as_bytes().contains(s)).unwrap_or(&b',')
 }
 
 fn header(
@@ -93,13 +97,13 @@ fn row(
     Entry::new(lexed.field(0), cells.collect())
 }
 
-struct Lexed {
+pub(crate) struct Lexed {
     line: usize,
     columns: Vec<usize>,
 }
 
 impl Lexed {
-    fn new(text: &str, start: usize, separator: u8) -> Self {
+    pub(crate) fn new(text: &str, start: usize, separator: u8) -> Self {
         // The reader's position is where it continued to read, which may be at a blank line or a comment.
         let mut start = start;
         loop {
@@ -125,7 +129,7 @@ impl Lexed {
     }
 
     /// The start of field `i`, or of the last field if there is no such field.
-    fn field(&self, i: usize) -> CellPosition {
+    pub(crate) fn field(&self, i: usize) -> CellPosition {
         let last = self.columns.last().copied().unwrap_or(1);
         CellPosition { line: self.line, column: self.columns.get(i).copied().unwrap_or(last) }
     }
@@ -147,7 +151,10 @@ mod tests {
                     \n# run 1\n;\"a; b\";5,0;1.5;3 cm;a.txt;0.09\nyes;;5;auto;3 cm;b.txt;\n";
         let rows = rows(text);
         let message = rows[0].clone().unwrap_err().to_string();
-        assert_eq!(message, "6:9: `t_exit_s` is `5,0`, expected a time in s or `auto`");
+        assert_eq!(
+            message,
+            "6:9: `t_exit_s` is `5,0`, expected a time in s or `auto`, with a decimal point in place of the comma"
+        );
         let second = rows[1].clone().unwrap();
         assert!(second.exclude && second.trial.notes.is_none());
         assert_eq!(second.enter.value, None);

@@ -13,6 +13,8 @@
 mod csv;
 mod faults;
 
+pub(crate) use self::csv::{Lexed, separator};
+
 use std::collections::BTreeMap;
 use std::fmt;
 use std::ops::Range;
@@ -253,7 +255,10 @@ impl Placed<String> {
         expected: &str,
         meaning: impl Fn(&str) -> Option<T>,
     ) -> Result<T, ManifestProblem> {
-        let refused = || format!("`{key}` is `{}`, expected {expected}", self.value);
+        let is_number = |text: &str| text.parse::<f64>().is_ok();
+        let has_comma = !is_number(&self.value) && is_number(&self.value.replace(',', "."));
+        let comma = if has_comma { ", with a decimal point in place of the comma" } else { "" };
+        let refused = || format!("`{key}` is `{}`, expected {expected}{comma}", self.value);
         meaning(&self.value).ok_or_else(|| ManifestProblem::new(self.position, refused()))
     }
 }

@@ -97,6 +97,10 @@ impl Printer {
         self.options.json
     }
 
+    pub(crate) fn is_csv(&self) -> bool {
+        self.options.form == TableForm::Csv
+    }
+
     /// True if a stream is coloured. `usual` is the choice without `--color`: by environment variables
     /// (no-color.org), and true only for a terminal.
     fn is_painted(&self, usual: bool) -> bool {

@@ -60,23 +60,31 @@ pub(super) fn conditions(printer: &Printer, rows: &[ConditionRow]) {
                 _ => ("", 1.0),
             };
             printer.line("");
-            printer.line(format!("{}{unit} per {}", quantity.name(), per.name()));
-            statistics(printer, &rows, factor);
+            let title = format!("{}{unit} per {}", quantity.name(), per.name());
+            printer.line(&title);
+            statistics(printer, &title, &rows, factor);
         }
     }
 }
 
 pub(super) type ConditionNumbers<'a> = (&'a str, &'a Statistics, Option<&'a MeanDifference>);
 
-/// Prints the numbers of some conditions, times `factor`.
-pub(super) fn statistics(printer: &Printer, rows: &[ConditionNumbers<'_>], factor: f64) {
+/// Prints the numbers of a quantity in some conditions, times `factor`. CSV has no titles, so it names the quantity in
+/// each row.
+pub(super) fn statistics(
+    printer: &Printer,
+    quantity: &str,
+    rows: &[ConditionNumbers<'_>],
+    factor: f64,
+) {
     let decimals = decimals(rows.iter().map(|(_, s, _)| factor * s.mean));
     let value = |value: Option<f64>| or_dash(value.map(|value| factor * value), decimals);
     let interval = |of: Option<Interval>| interval(of, factor, decimals);
     let range = |low, high| interval(Some(Interval { low, high }));
     let reference = rows.iter().find_map(|(.., difference)| *difference);
     let name = reference.map_or(String::new(), |of| format!("minus {}", of.reference));
-    let columns: [TableColumn<'_, &ConditionNumbers<'_>>; 11] = [
+    let columns: [TableColumn<'_, &ConditionNumbers<'_>>; 12] = [
+        ("quantity", &|_| quantity.to_owned()),
         ("condition", &|(condition, ..)| (*condition).to_owned()),
         ("n", &|(_, s, _)| s.n.to_string()),
         ("mean", &|(_, s, _)| value(Some(s.mean))),
@@ -89,8 +97,9 @@ pub(super) fn statistics(printer: &Printer, rows: &[ConditionNumbers<'_>], facto
         (&name, &|(.., difference)| value(difference.map(|of| of.mean))),
         ("95 % CI", &|(.., difference)| interval(difference.and_then(|of| of.mean_95))),
     ];
-    let shown = if reference.is_some() { columns.len() } else { columns.len() - 2 };
-    printer.records(&columns[..shown], rows)
+    let first = usize::from(!printer.is_csv());
+    let last = if reference.is_some() { columns.len() } else { columns.len() - 2 };
+    printer.records(&columns[first..last], rows)
 }
 
 /// Number of decimals that gives the largest value about three digits.

@@ -24,7 +24,8 @@ pub(crate) struct StatsArgs {
     #[arg(long, value_name = "COLUMNS", value_delimiter = ',')]
     of: Option<Vec<String>>,
 
-    /// Column that assigns rows to trials; rows of one trial resemble each other [default: `file`, if there is one]
+    /// Column that assigns rows to trials; rows of one trial resemble each other [default: the first of
+    /// `file`, `trial`, `run`, `log` and `session`]
     #[arg(long, value_name = "COLUMN")]
     trial: Option<String>,
 
@@ -51,10 +52,13 @@ impl StatsArgs {
         );
         let conditions = table.conditions.iter().map(|(name, _)| &**name);
         require_condition("row", conditions, self.compared.reference.as_deref())?;
-        for (quantity, &empty) in table.quantities.iter().zip(&table.empty) {
-            if empty > 0 {
-                printer.note(format!("{quantity}: {empty} empty cells are left out"));
+        for (quantity, &missing) in table.quantities.iter().zip(&table.missing) {
+            if missing > 0 {
+                printer.note(format!("{quantity}: {missing} missing values are left out"));
             }
+        }
+        for problem in &table.left_out {
+            printer.warning(format!("{path}:{problem}; the column is left out"));
         }
         let rows = table.statistics(self.compared.reference.as_deref(), BOOTSTRAP_SEED);
         printer.finish(&rows, |printer| {
@@ -69,7 +73,7 @@ impl StatsArgs {
                 let numbers: Vec<_> = rows
                     .map(|row| (&*row.condition, &row.statistics, row.difference.as_ref()))
                     .collect();
-                show::statistics(printer, &numbers, 1.0)
+                show::statistics(printer, quantity, &numbers, 1.0)
             })
         })
     }
