@@ -42,10 +42,12 @@ pub mod memory;
 pub mod plausibility;
 mod prediction;
 pub mod recalibration;
+mod stuck;
 pub mod validation;
 
 pub use self::conversion::{Calibration, Kind};
 pub use self::fit::{Fit, FitOptions, fit};
+pub use self::stuck::ReadingSpans;
 pub use least_squares::error::FitError;
 pub use least_squares::model::{Basis, Model};
 pub use least_squares::polynomial::Polynomial;

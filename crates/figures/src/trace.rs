@@ -6,6 +6,7 @@ use super::axes::{BOTTOM_MARGIN, Panel, PlotAxis, ValueRange, wide_area};
 use super::canvas::{Figure, Pen, Size, point};
 use super::histogram::{Cell, Grid};
 use super::palette::{self, Colour};
+use shell_data::statistics::upper_median;
 use shell_data::wrench::{Axis, PerAxis};
 
 /// Number of slivers of time: at least half of them, more than there are pixels, cover the log.
@@ -152,19 +153,33 @@ pub(super) fn draw_curves(
     });
 }
 
+/// The line through a curve's points, interrupted where the log has a gap.
 fn path(panel: &Panel, curve: &TraceCurve) -> String {
     let mut path = String::new();
     let mut before = String::new();
+    let longest = longest_step(curve);
+    let mut last = f64::INFINITY;
     for (t, v) in curve.points() {
         let (x, y) = panel.place(t, v);
         let here = point((x * 10.0).round() / 10.0, (y * 10.0).round() / 10.0);
-        if here != before {
-            path.push(if path.is_empty() { 'M' } else { 'L' });
+        let is_gap = t - last > longest;
+        last = t;
+        if here != before || is_gap {
+            path.push(if path.is_empty() || is_gap { 'M' } else { 'L' });
             path.push_str(&here);
             before = here;
         }
     }
     path
+}
+
+/// Longest step in time over which a line is drawn: a hundredth of the curve, and ten usual steps.
+fn longest_step(curve: &TraceCurve) -> f64 {
+    let times: Vec<f64> = curve.points().map(|(time, _)| time).collect();
+    let steps = times.windows(2).map(|pair| pair[1] - pair[0]);
+    let mut steps: Vec<f64> = steps.filter(|step| *step > 0.0).collect();
+    let span = times.last().copied().unwrap_or(0.0) - times.first().copied().unwrap_or(0.0);
+    (10.0 * upper_median(&mut steps).unwrap_or(0.0)).max(0.01 * span)
 }
 
 #[cfg(test)]
@@ -205,6 +220,28 @@ mod tests {
     fn the_points_do_not_depend_on_the_blocks() {
         let values = spiky(50_000);
         assert!(trace(&values, 50_000).points().eq(trace(&values, 777).points()));
+    }
+
+    #[test]
+    fn lines_are_interrupted_where_rows_are_missing() {
+        let drawn = |times: &dyn Fn(&f64) -> bool| {
+            let times: Vec<f64> = (0..1000).map(|i| 0.01 * f64::from(i)).filter(times).collect();
+            let values: Vec<(f64, f64)> = times.iter().map(|t| (*t, t.sin())).collect();
+            let mut trace = WrenchTrace::default();
+            let mut columns = vec![Vec::new(); 6];
+            let (time_s, force): (Vec<f64>, Vec<f64>) = values.into_iter().unzip();
+            columns[0] = force;
+            trace.add(&time_s, &columns);
+            let svg = trace_figure(Size::Screen, "t", &trace).svg();
+            // The longest path is the curve.
+            let paths = svg.split(" d=\"").map(|path| path.split('"').next().unwrap_or_default());
+            let curve = paths.max_by_key(|path| path.len()).unwrap().to_owned();
+            curve.matches('M').count()
+        };
+        assert_eq!(drawn(&|_| true), 1);
+        assert_eq!(drawn(&|t| !(4.0..8.5).contains(t)), 2);
+        // A few lost rows are no gap.
+        assert_eq!(drawn(&|t| !(4.0..4.03).contains(t)), 1);
     }
 
     #[test]

@@ -40,17 +40,27 @@ pub fn evaluate(input: &TrialInput<'_>) -> Result<TrialResult, TrialError> {
     let evaluation =
         TrialEvaluation { input, channel_length_m, velocity_m_s, weight_power_w, window, signals };
     let forces = evaluation.signals.forces.as_ref();
-    let is_beyond = evaluation.signals.is_beyond;
+    let Signals { is_beyond, is_stuck, .. } = evaluation.signals;
     let uncertainty = forces.and_then(|forces| of_means(input, forces, &span));
     if is_beyond {
         let text = "most frames are outside the calibrated range, where nothing is known of errors: intervals are left \
                     out";
         diagnostics.push(Diagnostic::warning("no_intervals", text));
+    } else if is_stuck {
+        let text = "a channel stands still, whose error is not known: intervals are left out";
+        diagnostics.push(Diagnostic::warning("no_intervals", text));
     } else if forces.is_some() && uncertainty.is_none() {
         let text = "the calibration does not know its errors: intervals are left out";
         diagnostics.push(Diagnostic::note("no_intervals", text));
     }
-    let row = evaluation.trial_row(&span, uncertainty.filter(|_| !is_beyond));
+    let row = evaluation.trial_row(&span, uncertainty.filter(|_| !is_beyond && !is_stuck));
+    if let Some(energy) = row.measures.electrical_energy_j.filter(|energy| *energy < 0.0) {
+        let text = format!(
+            "the electrical energy is negative, {energy:.3} J: check the sign of the current, and for readings such \
+             as -9999 that stand for no value"
+        );
+        diagnostics.push(Diagnostic::warning("negative_energy", text));
+    }
     let is_wrong = |of: &Quantity| of.of(&row.measures).is_some_and(|value| !value.is_finite());
     if let Some(wrong) = Quantity::ALL.into_iter().find(is_wrong) {
         return Err(TrialError::NotFinite(wrong.name()));
@@ -182,7 +192,7 @@ impl TrialEvaluation<'_> {
             strides: strides.map(|strides| strides.count() as u64),
             stride_frequency_hz: strides.and_then(Strides::frequency_hz),
             channel_length_m: length_m,
-            is_beyond_range: self.signals.is_beyond,
+            has_unknown_error: self.signals.is_beyond || self.signals.is_stuck,
             uncertainty,
         }
     }

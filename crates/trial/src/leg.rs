@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use super::integral::rows_around;
-use shell_data::statistics::extremes;
+use shell_data::statistics::{extremes, upper_median};
 
 /// Time over which a leg's speed is measured to predict its angle, s: long for encoder noise, short for gait changes.
 const SPEED_OVER_S: f64 = 0.02;
@@ -11,12 +11,14 @@ const SPEED_OVER_S: f64 = 0.02;
 /// Minimum rotation of a leg that does not count as still, rad.
 pub(super) const STILL_RAD: f64 = 0.1;
 
+/// Longest step between rows that tells turns, in turns: at half a turn, either direction is as likely.
+const LONGEST_STEP: f64 = 1.0 / 3.0;
+
 /// Unwrapped angle of a leg at each row, rad, from an encoder that wraps after a turn or after 2³² counts. Each angle
 /// is the one nearest to an extrapolation of the last 20 ms, so a leg may deviate from it by half a turn in a gap.
 pub(super) fn unwrap(times: &[f64], counts: &[f64], rad_per_count: f64) -> Vec<f64> {
-    let (low, high) = extremes(counts.iter().copied());
-    let turn = TAU / rad_per_count;
-    let wrap = if high - low < 1.5 * turn { turn } else { 2.0_f64.powi(32) };
+    let wraps = wraps_each_turn(counts, rad_per_count);
+    let wrap = if wraps { TAU / rad_per_count } else { 2.0_f64.powi(32) };
     let mut unwrapped: Vec<f64> = Vec::with_capacity(counts.len());
     let mut past = 0;
     for (row, (&time, &count)) in times.iter().zip(counts).enumerate() {
@@ -34,6 +36,20 @@ pub(super) fn unwrap(times: &[f64], counts: &[f64], rad_per_count: f64) -> Vec<f
     }
     unwrapped.iter_mut().for_each(|angle| *angle *= rad_per_count);
     unwrapped
+}
+
+fn wraps_each_turn(counts: &[f64], rad_per_count: f64) -> bool {
+    let (low, high) = extremes(counts.iter().copied());
+    high - low < 1.5 * TAU / rad_per_count
+}
+
+/// The usual step between rows in which the leg moves, in turns, if it is too long: `angle` (rad) is then one of
+/// several that the `counts` fit, which wrap after each turn.
+pub(super) fn ambiguous_step(counts: &[f64], angle: &[f64], rad_per_count: f64) -> Option<f64> {
+    let steps = angle.windows(2).map(|pair| (pair[1] - pair[0]).abs() / TAU);
+    let mut steps: Vec<f64> = steps.filter(|step| *step > 0.0).collect();
+    let usual = upper_median(&mut steps)?;
+    (usual > LONGEST_STEP && wraps_each_turn(counts, rad_per_count)).then_some(usual)
 }
 
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -146,6 +162,20 @@ mod tests {
         let at = |column: &[f64]| rows.iter().map(|&i| column[i]).collect::<Vec<_>>();
         let found = unwrap(&at(&times), &at(&wrapped), SCALE);
         assert!((found[found.len() - 1] - TAU * 13.0 * 0.999).abs() < 1e-3);
+    }
+
+    #[test]
+    fn a_leg_that_turns_too_far_between_rows_is_found() {
+        // 13 turns/s at 20 rows/s are 0.65 turns per row, which wrap to 0.35 backward; 4 turns/s are 0.2.
+        for (turns_hz, expected) in [(13.0, Some(0.35)), (4.0, None)] {
+            let times: Vec<f64> = (0..100).map(|row| f64::from(row) / 20.0).collect();
+            let counts: Vec<f64> = times.iter().map(|t| (turns_hz * t).rem_euclid(1.0)).collect();
+            let angle = unwrap(&times, &counts, TAU);
+            let found = ambiguous_step(&counts, &angle, TAU);
+            assert_eq!(found.is_some(), expected.is_some());
+            let off = found.unwrap_or_default() - expected.unwrap_or_default();
+            assert!(off.abs() < 1e-9, "{found:?}, to roundings of a turn");
+        }
     }
 
     #[test]

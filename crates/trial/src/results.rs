@@ -71,7 +71,7 @@ pub struct TrialRow {
     #[serde(skip)]
     pub channel_length_m: f64,
     #[serde(skip)]
-    pub is_beyond_range: bool,
+    pub has_unknown_error: bool,
     #[serde(skip)]
     pub uncertainty: Option<ForceUncertainty>,
 }

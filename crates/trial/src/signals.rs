@@ -5,11 +5,11 @@ use std::ops::Range;
 use super::diagnostic::{Diagnostic, Severity};
 use super::error::TrialError;
 use super::input::{TraceExtent, TrialInput, TrialRows};
-use super::leg::{STILL_RAD, Strides, unwrap};
+use super::leg::{STILL_RAD, Strides, ambiguous_step, unwrap};
 use super::power::Power;
 use super::profile::Profile;
 use super::trace::Trace;
-use calibration::Calibration;
+use calibration::{Calibration, ReadingSpans};
 use forces::{ForceError, RowRule, TareFrames};
 use shell_data::statistics::{extremes, upper_median};
 use shell_data::telemetry::Telemetry;
@@ -27,6 +27,7 @@ pub(super) struct Signals {
     left_leg: Vec<f64>,
     pub(super) strides: Option<Strides>,
     pub(super) is_beyond: bool,
+    pub(super) is_stuck: bool,
 }
 
 impl Signals {
@@ -56,7 +57,11 @@ impl Signals {
         let strides =
             (!right_leg.is_empty()).then(|| Strides::new(&rows.times_s, &right_leg, enter, exit));
         diagnose_rows(input, window.clone(), diagnostics);
-        let mut is_beyond = false;
+        let [mut is_beyond, mut is_stuck] = [false; 2];
+        let counts = rows.telemetry(Telemetry::RightLeg).unwrap_or_default();
+        let angle = right_leg.get(window.clone()).unwrap_or_default();
+        let per_count = instrument.profile.leg_rad(Telemetry::RightLeg);
+        diagnostics.extend(ambiguous_step(counts, angle, per_count).map(diagnose_turns));
         if let (Some(calibration), Some(forces)) = (instrument.calibration, &forces) {
             if let Some(tare) = pipeline.and_then(|of| of.tare_frames.as_ref()) {
                 diagnostics.extend(diagnose_tare(tare, instrument.profile, enter));
@@ -68,6 +73,9 @@ impl Signals {
                 let readings: Vec<Vec<f64>> = channels.map(cut).collect();
                 diagnostics.extend(diagnose_frames(calibration, &readings, options.full_scale));
                 let beyond = calibration.rows_out_of_range(&readings);
+                let stuck = ReadingSpans::new(&readings).stuck(calibration);
+                is_stuck = !stuck.is_empty();
+                diagnostics.extend(stuck.into_iter().map(diagnose_stuck));
                 is_beyond = 2 * beyond > readings.first().map_or(0, Vec::len) as u64;
             }
         }
@@ -76,7 +84,7 @@ impl Signals {
             || !positions.iter().any(|position| position.fract().abs() > 0.0);
         diagnostics.extend(diagnose_legs(strides.as_ref(), are_counts));
         let left_leg = leg(Telemetry::LeftLeg);
-        Ok(Self { forces, power, right_leg, left_leg, strides, is_beyond })
+        Ok(Self { forces, power, right_leg, left_leg, strides, is_beyond, is_stuck })
     }
 
     pub(super) fn into_trace(self, of: &TrialRows) -> Trace {
@@ -173,7 +181,8 @@ pub(super) fn count_fresh(rows: &TrialRows, window: Range<usize>) -> u64 {
 
 fn diagnose_rows(input: &TrialInput<'_>, window: Range<usize>, diagnostics: &mut Vec<Diagnostic>) {
     let rows = window.len() as u64;
-    let missing = missing_rows(&input.rows.times_s[window.clone()], input.times.period_s);
+    let ends_s = [input.trial.t_enter_s, input.trial.t_exit_s];
+    let missing = missing_rows(&input.rows.times_s[window.clone()], ends_s, input.times.period_s);
     let has_sensors = !input.rows.readings.is_empty();
     let repeated = if has_sensors { rows - count_fresh(input.rows, window) } else { 0 };
     if repeated > 0 {
@@ -192,8 +201,10 @@ fn diagnose_rows(input: &TrialInput<'_>, window: Range<usize>, diagnostics: &mut
     }
 }
 
-/// The number of rows missing between ascending `times`, which should be `period_s` apart.
-fn missing_rows(times: &[f64], period_s: f64) -> u64 {
+/// The number of rows missing between ascending `times`, which should be `period_s` apart, and between them and the ends
+/// of the window: a gap may reach over entry or exit.
+fn missing_rows(times: &[f64], [enter_s, exit_s]: [f64; 2], period_s: f64) -> u64 {
+    let times = [&[enter_s], times, &[exit_s]].concat();
     let missing = |pair: &[f64]| ((pair[1] - pair[0]) / period_s).round() as u64;
     times.windows(2).map(|pair| missing(pair).saturating_sub(1)).sum()
 }
@@ -239,6 +250,23 @@ fn diagnose_frames(
     })
 }
 
+fn diagnose_stuck((channel, reading): (usize, f64)) -> Diagnostic {
+    let text = format!(
+        "channel {} reads {reading} in every frame of the window while others change: forces are wrong; \
+         `shellcal doctor` tells what to check",
+        channel + 1
+    );
+    Diagnostic::warning("stuck_channel", text)
+}
+
+fn diagnose_turns(step: f64) -> Diagnostic {
+    let text = format!(
+        "the right leg turns by {step:.2} turns from row to row or more: strides are uncertain; log more rows per \
+         second"
+    );
+    Diagnostic::warning("ambiguous_strides", text)
+}
+
 /// `are_counts` is false for positions that are taken for counts but cannot be.
 fn diagnose_legs(strides: Option<&Strides>, are_counts: bool) -> Option<Diagnostic> {
     let Some(strides) = strides else {
@@ -263,6 +291,10 @@ mod tests {
 
     #[test]
     fn rows_that_are_missing_are_counted() {
-        assert_eq!(missing_rows(&[1.0, 1.001, 1.0039, 1.005, 1.0051], 0.001), 2);
+        let times = [1.0, 1.001, 1.0039, 1.005, 1.0051];
+        assert_eq!(missing_rows(&times, [1.0, 1.0051], 0.001), 2);
+        assert_eq!(missing_rows(&times, [0.9995, 1.0059], 0.001), 2, "ends between rows");
+        // Rows at 1.0061, 1.0071 and 1.0081 s are missing before the exit.
+        assert_eq!(missing_rows(&times, [1.0, 1.0091], 0.001), 5);
     }
 }

@@ -63,7 +63,12 @@ pub fn run(
     options: &BatchOptions<'_>,
     keep: impl Fn(CellPosition, &mut TrialResult) -> Result<(), OutputError> + Sync,
 ) -> Batch {
-    let faults: HashMap<usize, ManifestProblem> = manifest.faults(None).into_iter().collect();
+    let path_of = |file: &str| {
+        let path = folder.join(file);
+        path.canonicalize().unwrap_or(path)
+    };
+    let faults: HashMap<usize, ManifestProblem> =
+        manifest.faults(None, path_of).into_iter().collect();
     let mut batch = Batch::default();
     let mut done = 0;
     let count = manifest.rows.len();
@@ -206,7 +211,7 @@ impl Batch {
                     let parts: Vec<f64> = parts.iter().map(|part| scale * part).collect();
                     sample.add_shared_error(&parts, degrees);
                 }
-                None if result.row.is_beyond_range => sample.add_unknown_error(),
+                None if result.row.has_unknown_error => sample.add_unknown_error(),
                 None => {}
             }
         }

@@ -97,6 +97,12 @@ impl Hint for WorkflowError {
                 }
                 ForceError::Filter(error) => return error.hint(),
             },
+            Self::Window(_) | Self::NoForces => {
+                "give the times with `--enter` and `--exit`, or in the manifest"
+            }
+            Self::NoCalibration => {
+                "name one with `--calibration`, or give the times with `--enter` and `--exit`, or in the manifest"
+            }
             Self::NoIntervals(NoIntervals::IndependentRows) => {
                 "fit again without `--model` or with groups (`--group`), or ask for standard errors alone"
             }

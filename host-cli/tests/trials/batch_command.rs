@@ -113,6 +113,46 @@ fn shares_of_a_manifest_are_the_whole_one_after_the_other() {
 }
 
 #[test]
+fn a_dead_channel_is_reported_and_has_no_interval() {
+    let (dir, windows) = folder(1);
+    let dir = dir.path();
+    let [enter, exit] = windows[0];
+    let text = fs::read_to_string(dir.join("1.txt")).unwrap();
+    let header = text.lines().find(|line| line.contains("S5")).unwrap();
+    let names = header.trim_start_matches('%').split(',').map(str::trim);
+    let column = names.clone().position(|name| name == "S5").unwrap();
+    rewrite(dir, "1.txt", "dead.txt", |_, fields| fields[column] = "1695".to_owned());
+    let command = format!("--enter {enter} --exit {exit} --calibration cal.json --json");
+    let evaluate = |log: &str| {
+        let output = program::output(dir, &format!("trial {log} {command}"));
+        let result: Value = serde_json::from_slice(&output.stdout).unwrap();
+        (said(&output), result["drag_energy_95_j"].clone())
+    };
+    let (sound, interval) = evaluate("1.txt");
+    assert!(!sound.contains("channel 5") && interval.is_object(), "{sound} {interval}");
+    let (dead, interval) = evaluate("dead.txt");
+    assert!(dead.contains("channel 5 reads 1695 in every frame of the window"), "{dead}");
+    assert!(interval.is_null(), "{interval}");
+    let converted = program::output(dir, "convert cal.json dead.txt -o out.csv");
+    assert!(said(&converted).contains("`S5` reads 1695 in every frame"), "{}", said(&converted));
+}
+
+#[test]
+fn a_log_under_two_names_is_one_log() {
+    let (dir, windows) = folder(1);
+    let dir = dir.path();
+    fs::create_dir(dir.join("m")).unwrap();
+    let [enter, exit] = windows[0];
+    let rows = format!("1.txt,a,{enter},{exit}\nm/../1.txt,a,{enter},{exit}\n");
+    let output = batch(dir, &rows, "--calibration cal.json --as csv");
+    assert!(said(&output).contains("overlaps the trial of line 2"), "{}", said(&output));
+    // CSV tables name their quantity.
+    let printed = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(printed.contains("\nquantity,condition,n,"), "{printed}");
+    assert!(printed.contains("\ndrag energy (mJ) per trial,a,1,"), "{printed}");
+}
+
+#[test]
 fn a_bad_trial_is_reported_with_its_position_and_the_others_are_finished() {
     let (dir, windows) = folder(1);
     let dir = dir.path();

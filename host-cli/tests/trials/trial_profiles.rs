@@ -32,6 +32,26 @@ fn evaluate(dir: &Path, columns: &str) -> (Value, String) {
 }
 
 #[test]
+fn a_negative_energy_is_reported() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let columns =
+        "battery = { name = \"U\", unit = \"V\" }\ncurrent = { name = \"I\", unit = \"A\" }\n";
+    let said = |current: &dyn Fn(f64) -> f64| {
+        write_log(dir, "U,I", |time_s| format!("7.4,{}", current(time_s)));
+        let (document, _) = evaluate(dir, columns);
+        (document["electrical_energy_j"].as_f64().unwrap(), document["diagnostics"].to_string())
+    };
+    let (energy_j, text) = said(&|_| 0.5);
+    assert!(energy_j > 0.0 && !text.contains("negative_energy"), "{text}");
+    // The wires are exchanged; or one reading in 2 s, for 10 ms, is a sentinel.
+    for current in [&(|_| -0.5) as &dyn Fn(f64) -> f64, &|t| if t == 1.0 { -9999.0 } else { 0.5 }] {
+        let (energy_j, text) = said(current);
+        assert!(energy_j < 0.0 && text.contains("negative_energy"), "{energy_j} {text}");
+    }
+}
+
+#[test]
 fn power_comes_from_the_available_columns() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();

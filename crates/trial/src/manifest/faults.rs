@@ -1,20 +1,25 @@
 //! Conflicts between the rows of a manifest: duplicates, and conditions that look mistyped.
 
 use std::collections::BTreeMap;
-use std::path::{Component, Path, PathBuf};
+use std::path::PathBuf;
 
 use super::{CellPosition, Entry, Manifest, ManifestProblem};
 use shell_data::hint::{did_you_mean, suggest};
 
 impl Manifest {
     /// Rows in conflict, numbered from 0. Their window overlaps that of an earlier trial on the same log, or their
-    /// condition is not in `declared` (without it, not in the manifest's conditions).
-    pub fn faults(&self, declared: Option<&[String]>) -> Vec<(usize, ManifestProblem)> {
+    /// condition is not in `declared` (without it, not in the manifest's conditions). `path_of` turns a file's name in
+    /// the manifest into the one path of this log.
+    pub fn faults(
+        &self,
+        declared: Option<&[String]>,
+        path_of: impl Fn(&str) -> PathBuf,
+    ) -> Vec<(usize, ManifestProblem)> {
         let declared = declared.or(self.conditions.as_deref());
         let mut faults = Vec::new();
         let mut before: BTreeMap<PathBuf, Vec<&Entry>> = BTreeMap::new();
         for (row, entry) in self.entries() {
-            let file = without_dots(&entry.trial.file);
+            let file = path_of(&entry.trial.file);
             let twin = before.get(&file).into_iter().flatten().find(|e| overlap(e, entry));
             if let Some(twin) = twin {
                 let message = format!(
@@ -75,10 +80,6 @@ impl Manifest {
     }
 }
 
-fn without_dots(file: &str) -> PathBuf {
-    Path::new(file).components().filter(|part| *part != Component::CurDir).collect()
-}
-
 fn overlap(a: &Entry, b: &Entry) -> bool {
     let span = |of: &Entry| {
         (of.enter.value.unwrap_or(f64::NEG_INFINITY), of.exit.value.unwrap_or(f64::INFINITY))
@@ -110,11 +111,16 @@ mod tests {
         problems.into_iter().map(|problem| problem.to_string()).collect()
     }
 
+    fn path_of(file: &str) -> PathBuf {
+        file.trim_start_matches("./").into()
+    }
+
     #[test]
     fn overlapping_trials_of_one_log_are_reported() {
         let manifest =
             manifest("a,x,1,3\nb,x,1,3\na,x,3,4\n./a,x,2.5,2.6\na,x,auto,0.5\nb,x,auto,auto\n");
-        let faults = messages(manifest.faults(None).into_iter().map(|(_, problem)| problem));
+        let faults =
+            messages(manifest.faults(None, path_of).into_iter().map(|(_, problem)| problem));
         assert_eq!(
             faults,
             [
@@ -128,8 +134,9 @@ mod tests {
     fn undeclared_conditions_are_refused() {
         let manifest = manifest("a,free,1,3\nb,fre,1,3\n");
         let declared = ["free".to_owned(), "3 cm".to_owned()];
-        let faults =
-            messages(manifest.faults(Some(&declared)).into_iter().map(|(_, problem)| problem));
+        let faults = messages(
+            manifest.faults(Some(&declared), path_of).into_iter().map(|(_, problem)| problem),
+        );
         assert_eq!(faults, ["3:3: `fre` is none of the conditions, did you mean `free`?"]);
     }
 

@@ -2,9 +2,9 @@
 
 use super::options::ConvertOptions;
 use crate::workflow::selection::RowFilter;
-use calibration::Calibration;
 use calibration::dynamics::ReferenceLag;
 use calibration::memory::TimeBase;
+use calibration::{Calibration, ReadingSpans};
 use forces::ForcePipeline;
 use shell_data::Converter;
 use shell_data::block::Block;
@@ -37,6 +37,7 @@ pub(super) struct ConvertedRows {
     pub(super) taken_off: TakenOff,
     /// Times (s) and readings of the fresh frames in which the zero is watched, if it is.
     pub(super) watched: Option<WatchedFrames>,
+    pub(super) spans: ReadingSpans,
 }
 
 /// Rows from which a load was subtracted.
@@ -77,10 +78,12 @@ impl ConvertedFrames {
 
 impl FrameConverter<'_> {
     pub(super) fn convert(&self, block: &mut Block) -> ConvertedRows {
-        match self.pipeline.looks_around() {
+        let spans = ReadingSpans::new(block.channels());
+        let rows = match self.pipeline.looks_around() {
             false => self.convert_used(block),
             true => self.convert_all(block),
-        }
+        };
+        ConvertedRows { spans, ..rows }
     }
 
     fn convert_used(&self, block: &mut Block) -> ConvertedRows {
@@ -119,7 +122,8 @@ impl FrameConverter<'_> {
             RowFilter::Fresh => fresh,
             RowFilter::All => vec![true; fresh.len()],
         };
-        ConvertedRows { time_s, wrench, written, frames, taken_off, watched }
+        let spans = ReadingSpans::default();
+        ConvertedRows { time_s, wrench, written, frames, taken_off, watched, spans }
     }
 
     /// The rows of a block in which the zero is watched, if it is: those for which `is_fresh` is true, or all.

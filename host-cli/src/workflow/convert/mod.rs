@@ -24,14 +24,14 @@ pub use options::{
     RecordingFrame, TableColumns, table_name,
 };
 pub use summary::{AxisSummary, ConvertSummary, LagMadeUp, LagRule, LoadSummary};
-use summary::{Totals, standard_deviation};
+use summary::{StuckChannel, Totals, standard_deviation};
 
 use super::selection::{RowFilter, fresh_rows, passed, read_with_memory};
 use super::{WorkflowError, check_channels};
 use calibration::dynamics::ReferenceLag;
 use calibration::memory::TimeBase;
 use calibration::uncertainty::NoIntervals;
-use calibration::{Calibration, Kind};
+use calibration::{Calibration, Kind, ReadingSpans};
 use encode::{EncodedOutput, Encoder};
 use figures::WrenchTrace;
 use forces::payload::Inertia;
@@ -149,6 +149,7 @@ pub fn convert(
         totals: Totals { scatter, ..Totals::default() },
     };
     let mut taken_off = TakenOff::default();
+    let mut spans = ReadingSpans::default();
     let summary = read_with_memory(
         log,
         (&wanted, &read),
@@ -161,6 +162,7 @@ pub fn convert(
         },
         |(rows, encoded)| {
             taken_off.merge(&rows.taken_off);
+            spans.merge(&rows.spans);
             if let Some((times_s, readings)) = &rows.watched {
                 zero_watch.look_at(times_s, readings);
             }
@@ -175,6 +177,12 @@ pub fn convert(
         let message = format!("`{}`: no row is left to convert", log.path().display());
         return Err(WorkflowError::refused(message, None));
     }
+    let names = log.value_names();
+    let stuck_channel = |(channel, reading): (usize, f64)| {
+        let name = names.get(channel).filter(|name| !name.is_empty());
+        let name = name.map_or_else(|| format!("s{}", channel + 1), |name| (*name).to_owned());
+        StuckChannel { name, reading }
+    };
     let [out_of_range_frames, saturated_frames, insensitive_frames, left_out_frames] =
         totals.flagged;
     Ok(ConvertSummary {
@@ -191,6 +199,7 @@ pub fn convert(
         saturated_frames,
         insensitive_frames,
         left_out_frames,
+        stuck_channels: spans.stuck(calibration).into_iter().map(stuck_channel).collect(),
         axes: calibration.axes.values(&totals.axes()),
         zero: zero_watch.finish(calibration),
         load: options.load.as_ref().map(|load| LoadSummary {

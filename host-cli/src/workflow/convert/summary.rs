@@ -40,6 +40,9 @@ pub struct ConvertSummary {
     pub insensitive_frames: u64,
     #[serde(skip_serializing_if = "is_zero")]
     pub left_out_frames: u64,
+    /// Channels with one reading in all frames while others change.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub stuck_channels: Vec<StuckChannel>,
     /// Smallest, mean and largest value of each axis, N and N·m.
     #[serde(serialize_with = "by_column")]
     pub axes: AxisValues<AxisSummary>,
@@ -84,6 +87,12 @@ impl ConvertSummary {
         if let Some(text) = self.zero.as_ref().filter(|_| is_fixed).and_then(ZeroMove::in_words) {
             warn(text);
         }
+        for StuckChannel { name, reading } in &self.stuck_channels {
+            warn(format!(
+                "`{name}` reads {reading} in every frame while others change: forces are wrong; \
+                 `shellcal doctor` tells what to check"
+            ));
+        }
         for (count, what) in [
             (self.out_of_range_frames, "outside the calibrated range"),
             (self.saturated_frames, "saturated"),
@@ -121,6 +130,12 @@ impl ConvertSummary {
             _ => format!("tare: mean of {} frames{when}", tare.frames),
         }
     }
+}
+
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct StuckChannel {
+    pub name: String,
+    pub reading: f64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
