@@ -119,8 +119,7 @@ fn a_dead_channel_is_reported_and_has_no_interval() {
     let [enter, exit] = windows[0];
     let text = fs::read_to_string(dir.join("1.txt")).unwrap();
     let header = text.lines().find(|line| line.contains("S5")).unwrap();
-    let names = header.trim_start_matches('%').split(',').map(str::trim);
-    let column = names.clone().position(|name| name == "S5").unwrap();
+    let column = header.split('|').position(|name| name.trim() == "S5").unwrap();
     rewrite(dir, "1.txt", "dead.txt", |_, fields| fields[column] = "1695".to_owned());
     let command = format!("--enter {enter} --exit {exit} --calibration cal.json --json");
     let evaluate = |log: &str| {

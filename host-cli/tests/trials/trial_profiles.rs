@@ -39,8 +39,8 @@ fn a_negative_energy_is_reported() {
         "battery = { name = \"U\", unit = \"V\" }\ncurrent = { name = \"I\", unit = \"A\" }\n";
     let said = |current: &dyn Fn(f64) -> f64| {
         write_log(dir, "U,I", |time_s| format!("7.4,{}", current(time_s)));
-        let (document, _) = evaluate(dir, columns);
-        (document["electrical_energy_j"].as_f64().unwrap(), document["diagnostics"].to_string())
+        let (document, texts) = evaluate(dir, columns);
+        (document["electrical_energy_j"].as_f64().unwrap(), texts)
     };
     let (energy_j, text) = said(&|_| 0.5);
     assert!(energy_j > 0.0 && !text.contains("negative_energy"), "{text}");
