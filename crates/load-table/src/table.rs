@@ -380,7 +380,7 @@ mod tests {
             ),
             (
                 "azimuth",
-                "`azimuth` needs a unit: write `azimuth_rad` or `azimuth_mrad` or `azimuth_deg`",
+                "`azimuth` needs a unit: write `azimuth_rad` or `azimuth_mrad` or `azimuth_deg` or `azimuth_rev`",
             ),
             ("ax_g", "unknown column `ax_g`: write `ax`, which has no unit"),
             ("directoin", "unknown column `directoin`, did you mean `direction`?"),

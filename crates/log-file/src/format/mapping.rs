@@ -169,7 +169,7 @@ pub fn parse_units(text: &str) -> Result<Vec<(String, String)>, String> {
         match quantities.iter().any(is_unit) || is_order() {
             true => Ok((of.to_owned(), unit.to_owned())),
             false if TELEMETRY.iter().any(is_unit) => Err(format!(
-                "`{unit}` of `{of}`: the units of telemetry are in the robot's profile (`--profile`), such as \
+                "`{unit}` is no unit of `{of}`; those of telemetry are in the robot's profile (`--profile`), such as \
                  `battery = {{ unit = \"mV\" }}` under `[columns]`"
             )),
             false => {
