@@ -98,7 +98,7 @@ impl ValueTable {
             return Err(at(1, "the table has no rows".to_owned()));
         }
         let is_missing = |field: &str| {
-            ["", "nan", "na"].iter().any(|missing| field.eq_ignore_ascii_case(missing))
+            ["", "nan", "na", "n/a", "-"].iter().any(|missing| field.eq_ignore_ascii_case(missing))
         };
         let number = |field: &str| {
             let with_point = (separator != b',').then(|| field.replace(',', "."));

@@ -39,14 +39,16 @@ pub struct DriftSummary {
     pub channel_changes: Vec<Vec<(f64, f64)>>,
 }
 
-/// Share of a log at its end that may have no stationary interval: the sensor is picked up or put down there.
+/// Share of a log at its end that may have no stationary interval, and its limits, s: an interval takes half a second.
 const LATE: f64 = 0.1;
+const LATE_S: [f64; 2] = [1.0, 2.0];
 
 impl DriftSummary {
     /// Returns true if the last stationary interval is far from the end of the log, so that the zero at the end is
     /// not known: the sensor is loaded there, or its zero has jumped.
     pub fn ends_unknown(&self) -> bool {
-        self.end_s - self.last_s > LATE * (self.end_s - self.first_s)
+        let late_s = LATE * (self.end_s - self.first_s);
+        self.end_s - self.last_s > late_s.clamp(LATE_S[0], LATE_S[1])
     }
 }
 

@@ -185,10 +185,11 @@ pub(super) fn labelled_rows(
     label_loads(&data, &labels).map_err(|error| WorkflowError::refused(error, hint))
 }
 
-/// Refuses a log with other numbers than the loads of a table that does not label them: they may be shifted.
+/// Refuses a log with other labels than the numbers of the loads of a table that does not label them: they may be
+/// shifted.
 fn check_numbers(table: &HungLoads, data: &Dataset) -> Result<(), WorkflowError> {
     let is_of_table = |label: &str| table.loads().iter().any(|load| load.group == label);
-    let is_other = |label: &&String| label.parse::<f64>().is_ok() && !is_of_table(label);
+    let is_other = |label: &&String| !label.is_empty() && !is_of_table(label);
     let mut labels =
         data.blocks().flat_map(|(_, block)| block.labels.iter()).map(|(label, _)| label);
     match labels.find(is_other).filter(|_| !table.has_labels()) {

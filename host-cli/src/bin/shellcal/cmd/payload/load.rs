@@ -167,7 +167,7 @@ impl MotionArgs {
                 "`{path}`: forces scatter by {after:.3} N without the weight, by {before:.3} N with it"
             ));
             printer.note(
-                "unless contact carried the weight: another `--orientation-as` or `--inverse-orientation`?",
+                "unless contact carried it: gravity points up, or see `--orientation-as`, `--inverse-orientation`",
             );
         }
         if load.rows_without_motion > 0 {
