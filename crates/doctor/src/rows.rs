@@ -5,11 +5,10 @@ use std::borrow::Cow;
 use std::collections::{HashMap, HashSet};
 use std::ops::Range;
 
-use least_squares::symmetric::SymmetricMatrix;
 use log_file::summary::{ColumnSummary, LogSummary};
 use shell_data::block::Block;
 use shell_data::dataset::{Dataset, LogRows};
-use shell_data::statistics::{RunningVariance, extremes, upper_median};
+use shell_data::statistics::extremes;
 use shell_data::wrench::{Axes, Axis};
 
 use crate::channels::{channel_name, check_channels, identical_in};
@@ -22,20 +21,6 @@ const MOVED: f64 = 0.5;
 const PARTS: usize = 4;
 const MOVED_IN_PART: f64 = 0.1;
 const FEWEST_STOPPED: usize = 50;
-
-/// A channel has lost its sensor if, for the share `STOPPED` of a log, it moves over no more than `QUIET` of its usual
-/// steps, while the other channels move, and while it should move over `UNFOLLOWED` times as much by them. At an end of
-/// its range a channel may rightly be insensitive; these are the outer `END` of it.
-const QUIET: f64 = 10.0;
-const UNFOLLOWED: f64 = 5.0;
-const END: f64 = 0.1;
-
-/// Least number of rows for each unknown of a regression, and most rows of one.
-const ROWS_PER_UNKNOWN: usize = 10;
-const MOST_REGRESSED: usize = 20_000;
-
-/// Ridge on columns of variance one.
-const RIDGE: f64 = 1e-6;
 
 /// Least range of a channel that moves at all, in mean steps from row to row. The range of noise is smaller.
 const MOVED_IN_STEPS: f64 = 10.0;
@@ -223,13 +208,7 @@ impl<'a> KeptRows<'a> {
             return Some(Finding::fault(limits, seen, advice));
         }
         let share = if load.is_some() { STOPPED_LOAD } else { STOPPED };
-        let Some((first, rows)) = longest_stop(values, share) else {
-            let run = load.is_none().then(|| unfollowing_rows(values, readings)).flatten()?;
-            let [from, to] = [run.start, run.end - 1].map(|row| self.number(row));
-            let seen = format!("{name} does not follow the other channels in rows {from} to {to}");
-            let advice = "check its wire; leave these rows out";
-            return Some(Finding::fault("channel-floats", seen, advice));
-        };
+        let (first, rows) = longest_stop(values, share)?;
         let (value, run) = (values[first], first..first + rows);
         // These rows are already reported as cut off.
         if is_cut_above && value == summary.max || !others_move(readings, values, run.clone()) {
@@ -396,66 +375,6 @@ fn others_move(readings: &[Vec<f64>], stopped: &[f64], rows: Range<usize>) -> bo
         && (0..PARTS).all(|part| two_move(border(part)..border(part + 1), MOVED_IN_PART))
 }
 
-/// Longest run of rows in which a channel only has noise, although the others say that it should move.
-fn unfollowing_rows(values: &[f64], readings: &[Vec<f64>]) -> Option<Range<usize>> {
-    let run = longest_quiet(values)?;
-    let quiet = &values[run.clone()];
-    let (low, high) = extremes(values.iter().copied());
-    let place = (quiet[quiet.len() / 2] - low) / (high - low);
-    let is_inside = (END..1.0 - END).contains(&place);
-    if !is_inside || !others_move(readings, values, run.clone()) {
-        return None;
-    }
-    let expected = predicted_range(values, readings, &run)?;
-    (expected > UNFOLLOWED * range(quiet)).then_some(run)
-}
-
-fn longest_quiet(values: &[f64]) -> Option<Range<usize>> {
-    let window = FEWEST_STOPPED.max((STOPPED * values.len() as f64) as usize);
-    let mut steps: Vec<f64> = values.windows(2).map(|pair| (pair[1] - pair[0]).abs()).collect();
-    let limit = QUIET * upper_median(&mut steps)?;
-    let step = window.div_ceil(PARTS);
-    let starts = (0..(values.len() + 1).saturating_sub(window)).step_by(step);
-    let is_quiet = |start: &usize| range(&values[*start..start + window]) <= limit;
-    let quiet: Vec<usize> = starts.filter(is_quiet).collect();
-    let runs = quiet.chunk_by(|a, b| b - a == step);
-    runs.map(|run| run[0]..run[run.len() - 1] + window).max_by_key(Range::len)
-}
-
-/// Range of a channel in the rows `run`, predicted from the other channels by a linear regression on all other rows.
-fn predicted_range(values: &[f64], readings: &[Vec<f64>], run: &Range<usize>) -> Option<f64> {
-    let mut others: Vec<&[f64]> = readings.iter().map(Vec::as_slice).collect();
-    others.retain(|column| *column != values && range(column) > 0.0);
-    let rest: Vec<usize> = (0..values.len()).filter(|row| !run.contains(row)).collect();
-    let some: Vec<usize> =
-        rest.iter().copied().step_by(rest.len().div_ceil(MOST_REGRESSED).max(1)).collect();
-    if some.len() < ROWS_PER_UNKNOWN * (others.len() + 1) {
-        return None;
-    }
-    let pick = |column: &[f64]| some.iter().map(|&row| column[row]).collect::<Vec<f64>>();
-    let of = |column: &[f64]| RunningVariance::new(&pick(column));
-    let scales: Vec<RunningVariance> = others.iter().map(|column| of(column)).collect();
-    let scaled = |at: usize, row: usize| {
-        (others[at][row] - scales[at].mean) / scales[at].rms_about_mean().max(f64::MIN_POSITIVE)
-    };
-    let mean = of(values).mean;
-    let sum = |of: &dyn Fn(usize) -> f64| {
-        some.iter().map(|&row| of(row)).sum::<f64>() / some.len() as f64
-    };
-    let products = SymmetricMatrix::from_fn(others.len(), |i, j| {
-        let ridge = if i == j { RIDGE } else { 0.0 };
-        sum(&|row| scaled(i, row) * scaled(j, row)) + ridge
-    });
-    let with_values =
-        (0..others.len()).map(|at| sum(&|row| scaled(at, row) * (values[row] - mean))).collect();
-    let slopes = products.cholesky()?.solve(with_values);
-    let predicted = run.clone().map(|row| {
-        slopes.iter().enumerate().map(|(at, slope)| slope * scaled(at, row)).sum::<f64>()
-    });
-    let (low, high) = extremes(predicted);
-    Some(high - low)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -480,41 +399,6 @@ mod tests {
         change(&mut block);
         let data = Dataset::from_blocks("rows", Axes::ALL, vec![block]);
         check_rows(&data, &[]).iter().map(|finding| finding.check).collect()
-    }
-
-    /// Four channels that mix two loads; the third reads noise about the middle of its range from row 400 on, as an open
-    /// input does.
-    #[test]
-    fn a_channel_that_floats_is_named_and_one_that_is_only_insensitive_is_not() {
-        let seen = |gain: f64, floats: bool| {
-            let mut random = Random(7);
-            let (mut a, mut b) = (0.0_f64, 0.0_f64);
-            let mut readings = vec![Vec::new(); 4];
-            for row in 0..600 {
-                // Poses of ten rows each.
-                if row % 10 == 0 {
-                    (a, b) = (300.0 * random.normal(), 300.0 * random.normal());
-                }
-                let third = if floats && row >= 400 { 0.0 } else { gain * (a - 0.5 * b) };
-                let mixed = [a + 0.3 * b, b - 0.4 * a, third, 0.6 * a + b];
-                for (column, value) in readings.iter_mut().zip(mixed) {
-                    column.push((2000.0 + value + 3.0 * random.normal()).round());
-                }
-            }
-            let wrench = vec![readings[0].clone(); 6];
-            let block = Block { rows: 600, readings, wrench, ..Block::default() };
-            let data = Dataset::from_blocks("rows", Axes::ALL, vec![block]);
-            let found = check_rows(&data, &[]);
-            found.iter().map(|of| (of.check, of.seen.clone())).collect::<Vec<_>>()
-        };
-        let floating = seen(1.0, true);
-        assert_eq!(floating.len(), 1, "{floating:?}");
-        assert!(
-            floating[0].0 == "channel-floats" && floating[0].1.starts_with("s3"),
-            "{floating:?}"
-        );
-        assert_eq!(seen(1.0, false), []);
-        assert_eq!(seen(0.0, false), []);
     }
 
     #[test]
