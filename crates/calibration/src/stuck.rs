@@ -6,6 +6,9 @@ use shell_data::statistics::extremes;
 /// Frames below which a channel may be still by chance.
 const ENOUGH_FRAMES: usize = 20;
 
+/// Least part of its calibrated range over which another channel moves; noise is below it.
+const MOVED: f64 = 0.05;
+
 /// Least and greatest reading of each channel over the frames added.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ReadingSpans {
@@ -28,17 +31,20 @@ impl ReadingSpans {
         }
     }
 
-    /// Channels, from 0, with one reading in all frames, and that reading. Empty if no channel varies, and without
+    /// Channels, from 0, with one reading in all frames, and that reading. Empty if no channel moves, and without
     /// channels that did not vary in the training data, either: the calibration does not use them.
     pub fn stuck(&self, calibration: &Calibration) -> Vec<(usize, f64)> {
         let spans = || self.spans.iter().take(calibration.channels()).enumerate();
-        if self.frames < ENOUGH_FRAMES || spans().all(|(_, (low, high))| low == high) {
+        let trained =
+            |channel: usize| calibration.valid_range.as_ref().and_then(|of| of.get(channel));
+        let moves = |(channel, (low, high)): (usize, &(f64, f64))| {
+            let least = trained(channel).map_or(0.0, |range| MOVED * (range.max - range.min));
+            high - low > least
+        };
+        if self.frames < ENOUGH_FRAMES || !spans().any(moves) {
             return Vec::new();
         }
-        let is_used = |channel: usize| {
-            let trained = calibration.valid_range.as_ref().and_then(|ranges| ranges.get(channel));
-            trained.is_none_or(|range| range.min < range.max)
-        };
+        let is_used = |channel| trained(channel).is_none_or(|range| range.min < range.max);
         let is_stuck = |(channel, (low, high)): (usize, &(f64, f64))| {
             (low == high && is_used(channel)).then_some((channel, *low))
         };
@@ -69,7 +75,10 @@ mod tests {
         let mut merged = spans;
         merged.merge(&ReadingSpans::new(&[vec![3.0], vec![6.0], vec![8.0]]));
         assert_eq!(merged.stuck(&calibration), []);
-        let still = ReadingSpans::new(&[vec![5.0; 20], vec![7.0; 20], vec![8.0; 20]]);
-        assert_eq!(still.stuck(&calibration), [], "a log at rest without noise");
+        // Channel 1 flickers by one of 21 counts.
+        calibration.valid_range = Some(vec![range(0., 21.), range(0., 9.), range(0., 9.)]);
+        let flicker = (0..20).map(|row| f64::from(5 + row % 2)).collect();
+        let still = ReadingSpans::new(&[flicker, vec![7.0; 20], vec![8.0; 20]]);
+        assert_eq!(still.stuck(&calibration), [], "a log at rest");
     }
 }

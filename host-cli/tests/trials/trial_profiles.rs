@@ -217,4 +217,9 @@ fn a_clock_that_may_number_the_rows_is_asked_for_its_unit() {
     assert!((document["electrical_energy_j"].as_f64().unwrap() - 3.0).abs() < 1e-12, "{document}");
     program::run(dir, "trial log.csv --enter 500 --exit 2500 --unit time=s", 0);
     program::run(dir, "info log.csv", 0);
+    // The name has the unit.
+    for name in ["time_s", "Time_s", "timestamp_s"] {
+        fs::write(dir.join("named.csv"), format!("{name},Power (W)\n{rows}")).unwrap();
+        program::run(dir, "trial named.csv --enter 500 --exit 2500", 0);
+    }
 }

@@ -51,7 +51,7 @@ const FIRST_STEPS: usize = 2;
 const STARTS: [f64; 11] = [-32.0, -16.0, -8.0, -4.0, -2.0, 0.0, 2.0, 4.0, 8.0, 16.0, 32.0];
 
 /// Factors that move time constants, one for each round.
-const ROUNDS: [f64; 3] = [1.7, 1.3, 1.08];
+const ROUNDS: [f64; 4] = [1.7, 1.4, 1.2, 1.08];
 
 type LagEstimate = (f64, f64);
 

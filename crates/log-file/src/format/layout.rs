@@ -7,7 +7,7 @@ use super::clock::{CLOCK_ROWS, ClockFields, DateColumn, is_since_1970, origin_of
 use super::clock_parts::{
     ClockPart, OF_NANOSECONDS, PartValues, date_part, has_fraction, is_fraction, nameless_stamp,
 };
-use super::columns::{Column, ColumnRoles, by_shape, positions, recognise};
+use super::columns::{Column, ColumnRoles, by_shape, positions, recognise, stated_unit};
 use super::head::{self, Head, line_separator, numbered};
 use super::keys::Keys;
 use super::lines::{LayoutLine, all_lines, fields, lines, texts};
@@ -25,7 +25,7 @@ use crate::parse::rows::HeadLines;
 use crate::stream::clock_turns::{ClockTurns, TURN};
 use crate::stream::companion::SideRows;
 use crate::stream::source::LogSource;
-use shell_data::unit::Scale;
+use shell_data::unit::{Quantity, Scale};
 use shell_data::wrench::Axis;
 use table_file::{FileKind, Table};
 
@@ -295,8 +295,11 @@ pub(crate) fn recognise_layout(
             let is_of = |unit: &TimeUnit| (step / unit.per_second() * rate - 1.0).abs() < 0.2;
             TimeUnit::ALL.into_iter().find(is_of)
         };
+        let in_name = stated_unit(&names[at], &[], 0, Quantity::Time);
         let unit = match clock.unit().map_err(|step| (step, by_rate(step))) {
             Ok(unit) => unit,
+            // A name such as `time_s` has the unit that a time has without one.
+            Err((_, None)) if in_name.known().is_some() => None,
             Err((_, Some(unit))) => Some(unit),
             // Seconds, milliseconds or numbers of rows: most commands need none of them.
             Err((ROW_STEP, None)) => {
