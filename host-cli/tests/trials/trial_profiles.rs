@@ -187,7 +187,7 @@ fn units_in_the_log_are_used() {
         }
     }
     let said = program::run(dir, "info log.csv --unit current=mA", 2);
-    assert!(said.contains("the units of telemetry are in the robot's profile"), "{said}");
+    assert!(said.contains("those of telemetry are in the robot's profile"), "{said}");
 }
 
 #[test]

@@ -240,8 +240,13 @@ impl DynamicsSearch<'_> {
             Ok(self.attempt(set, set.terms.len(), new, lag, FIRST_STEPS))
         };
         let tried = map(&new, self.workers, attempt).ok()?;
-        let best = tried.into_iter().flatten().min_by(Attempt::order)?;
-        let Attempt { set, mut lag, .. } = self.moved(best)?;
+        let Attempt { mut set, mut lag, .. } =
+            tried.into_iter().flatten().min_by(Attempt::order)?;
+        for factor in ROUNDS {
+            for position in 0..set.terms.len() {
+                (set, lag) = self.move_one(set, position, factor, lag)?;
+            }
+        }
         if self.rule.lag.is_none() {
             lag = self.lag(&set, lag, STEPS).map_or(lag, |(lag, _)| lag);
         }
@@ -270,38 +275,36 @@ impl DynamicsSearch<'_> {
         self.equations.errors(set, lag).map_or(f64::INFINITY, |errors| errors.systematic())
     }
 
-    /// Moves each time constant in turn, round by round.
-    fn moved(&self, mut best: Attempt) -> Option<Attempt> {
-        for factor in ROUNDS {
-            for position in 0..best.set.terms.len() {
-                best = self.move_one(best, position, factor)?;
-            }
-        }
-        Some(best)
-    }
-
     /// Moves a time constant to the best of three scores and of the vertex of a parabola through them, by at
     /// most `factor` to the power of 1.5.
-    fn move_one(&self, centre: Attempt, position: usize, factor: f64) -> Option<Attempt> {
-        let (set, (least, most)) = (&centre.set, self.bounds());
-        let at = set.terms[position].time_constant;
+    fn move_one(
+        &self,
+        set: TermSet,
+        position: usize,
+        factor: f64,
+        lag: f64,
+    ) -> Option<(TermSet, f64)> {
+        let (centre, (least, most)) = (set.terms[position].time_constant, self.bounds());
         let is_allowed = |tau: f64| {
-            let mut others = set.terms.iter().enumerate().filter(|(other, _)| *other != position);
+            let mut others = set.terms.iter().enumerate().filter(|(at, _)| *at != position);
             (least..=most).contains(&tau) && others.all(|(_, of)| is_apart(of.time_constant, tau))
         };
-        let attempt = |&tau: &f64| match is_allowed(tau) {
-            true => Ok(self.attempt(set, position, &self.equations.memory(tau), centre.lag, 1)),
-            false => Ok(None),
+        let attempt = |&tau: &f64| match tau == centre {
+            true => Ok(self.attempt(&set, position, &set.terms[position], lag, 1)),
+            false if !is_allowed(tau) => Ok(None),
+            false => Ok(self.attempt(&set, position, &self.equations.memory(tau), lag, 1)),
         };
-        let mut tried = map(&[at / factor, at * factor], self.workers, attempt).ok()?;
-        let [below, above] =
-            [0, 1].map(|at| tried[at].as_ref().map_or(f64::INFINITY, |of| of.score));
-        let (slope, curvature) = (below - above, below + above - 2.0 * centre.score);
+        let mut tried =
+            map(&[centre, centre / factor, centre * factor], self.workers, attempt).ok()?;
+        let [at_centre, below, above] =
+            [0, 1, 2].map(|at| tried[at].as_ref().map_or(f64::INFINITY, |of| of.score));
+        let (slope, curvature) = (below - above, below + above - 2.0 * at_centre);
         if curvature.is_finite() && curvature > 0.0 {
             let vertex = (0.5 * slope / curvature).clamp(-1.5, 1.5);
-            tried.extend(attempt(&(at * factor.powf(vertex))));
+            tried.extend(attempt(&(centre * factor.powf(vertex))));
         }
-        tried.into_iter().flatten().chain([centre]).min_by(Attempt::order)
+        let best = tried.into_iter().flatten().min_by(Attempt::order);
+        Some(best.map_or((set, lag), |best| (best.set, best.lag)))
     }
 }
 
