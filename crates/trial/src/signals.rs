@@ -79,9 +79,8 @@ impl Signals {
                 is_beyond = 2 * beyond > readings.first().map_or(0, Vec::len) as u64;
             }
         }
-        let positions = rows.telemetry(Telemetry::RightLeg).unwrap_or_default();
         let are_counts = instrument.profile.unit_text(Telemetry::RightLeg).is_some()
-            || !positions.iter().any(|position| position.fract().abs() > 0.0);
+            || !counts.iter().any(|count| count.fract().abs() > 0.0);
         diagnostics.extend(diagnose_legs(strides.as_ref(), are_counts));
         let left_leg = leg(Telemetry::LeftLeg);
         Ok(Self { forces, power, right_leg, left_leg, strides, is_beyond, is_stuck })

@@ -5,7 +5,6 @@ use super::gates::{Gate, GateFailure};
 use super::hung_loads::{axes_to_compare, gate_of_loads, hung_rows, stated};
 use super::recalibration::known_errors;
 use super::{WorkflowError, check_channels};
-use calibration::Calibration;
 use calibration::physics::COVERAGE_LEVEL;
 use calibration::quality::significant;
 use calibration::uncertainty::HALF_WIDTH;
@@ -102,7 +101,8 @@ pub fn check_weights(
     let weights = table.loads().iter().filter(|load| !is_unloaded(load));
     let loads: Vec<CheckedLoad> = weights.filter_map(compare).collect();
     let cannot_tell = loads.iter().all(|of| of.cannot_tell);
-    let converter = converter(calibration);
+    // Without a range of the training data, nothing is known of the converter.
+    let converter = calibration.valid_range.as_ref().and_then(|_| calibration.converter(None));
     for (load, subject) in table.loads().iter().zip(gate.subjects()) {
         let name = &load.group;
         let ended =
@@ -153,14 +153,6 @@ fn axes_outside(file: &CalibrationFile, load: &HungLoad) -> Axes {
         })
     };
     file.calibration.axes.iter().filter(is_outside).collect()
-}
-
-/// The converter of the training data; `None` for readings in volts.
-fn converter(calibration: &Calibration) -> Option<Converter> {
-    let ranges = calibration.valid_range.as_ref()?;
-    let least = ranges.iter().map(|range| range.min).fold(f64::INFINITY, f64::min);
-    let most = ranges.iter().map(|range| range.max).fold(f64::NEG_INFINITY, f64::max);
-    Converter::of_extremes(least, most)
 }
 
 /// Names of the channels with most readings at an end of the converter's range.
