@@ -270,27 +270,30 @@ impl CalibrationFile {
     }
 
     /// Imports the coefficient matrix at `path`: CSV, a calibration of ATI, or MATLAB 5, as its beginning shows.
-    /// `options` supplies what the file lacks. The origin names the file and is otherwise empty.
+    /// `options` supplies what the file lacks. The origin names the file and is otherwise empty. The flag says
+    /// that the file names its units; without them and without `options.moment_unit` moments are taken as mN·m.
     ///
     /// # Errors
     /// [`CalibrationFileError`] if the file cannot be read or is not such a matrix.
     pub fn import(
         path: &Path,
         options: &matrix::ImportOptions,
-    ) -> Result<Self, CalibrationFileError> {
+    ) -> Result<(Self, bool), CalibrationFileError> {
         let parse = |bytes: &[u8]| {
             let read = match ati::is_one(bytes) {
-                true => ati::parse(bytes, options).map_err(MatrixError::Unusable),
+                true => ati::parse(bytes, options)
+                    .map(|calibration| (calibration, true))
+                    .map_err(MatrixError::Unusable),
                 false => matrix::parse(bytes, options),
             };
             read.map_err(Problem::Matrix)
         };
-        let calibration = input::document(path, DocumentKind::Matrix, parse)?;
+        let (calibration, has_units) = input::document(path, DocumentKind::Matrix, parse)?;
         let rows = calibration.polynomial().map_or(0, |p| p.coefficients.len()) as u64;
         let (role, path) = (Role::Matrix, path.into());
         let source = SourceFile { role, path, checksum: None, digest: None, rows };
         let origin = Origin { sources: vec![source], ..Origin::default() };
-        Ok(Self { calibration, origin })
+        Ok((Self { calibration, origin }, has_units))
     }
 }
 

@@ -64,10 +64,14 @@ fn feature_name(term: &Term) -> String {
     powers.map(|run| format!("s{}^{}", run[0] + 1, run.len())).collect::<Vec<_>>().join("*")
 }
 
-/// Reads CSV or MATLAB 5, which has a text of 116 bytes and its byte order mark at byte 126.
-pub(super) fn parse(bytes: &[u8], options: &ImportOptions) -> Result<Calibration, MatrixError> {
+/// Reads CSV or MATLAB 5, which has a text of 116 bytes and its byte order mark at byte 126. The flag says
+/// that the file names its units.
+pub(super) fn parse(
+    bytes: &[u8],
+    options: &ImportOptions,
+) -> Result<(Calibration, bool), MatrixError> {
     if bytes.starts_with(b"MATLAB") && matches!(bytes.get(126..128), Some(b"IM" | b"MI")) {
-        parse_matlab(bytes, options)
+        parse_matlab(bytes, options).map(|calibration| (calibration, false))
     } else if bytes.contains(&0) {
         Err(unreadable("it is neither text nor of version 5; save it with `-v6` or `-v7`"))
     } else {
@@ -75,7 +79,7 @@ pub(super) fn parse(bytes: &[u8], options: &ImportOptions) -> Result<Calibration
     }
 }
 
-fn parse_csv(bytes: &[u8], options: &ImportOptions) -> Result<Calibration, String> {
+fn parse_csv(bytes: &[u8], options: &ImportOptions) -> Result<(Calibration, bool), String> {
     let mut reader = csv::ReaderBuilder::new()
         .has_headers(false)
         .flexible(true)
@@ -85,9 +89,9 @@ fn parse_csv(bytes: &[u8], options: &ImportOptions) -> Result<Calibration, Strin
     let records = records.map_err(|error| format!("not a CSV file: {error}"))?;
     match records.split_first() {
         Some((header, rows)) if number(header.get(1).unwrap_or_default()).is_none() => {
-            named(header, rows, options)
+            Ok((named(header, rows, options)?, true))
         }
-        _ => bare(&records, options),
+        _ => Ok((bare(&records, options)?, false)),
     }
 }
 
@@ -291,7 +295,7 @@ mod tests {
     }
 
     fn import(text: &str) -> Result<Calibration, String> {
-        parse_csv(text.as_bytes(), &ImportOptions::default())
+        parse_csv(text.as_bytes(), &ImportOptions::default()).map(|(calibration, _)| calibration)
     }
 
     #[test]
@@ -433,6 +437,7 @@ mod tests {
         fn parse(bytes: &[u8], variable: Option<&str>) -> Result<Calibration, MatrixError> {
             let variable = variable.map(str::to_owned);
             super::super::parse(bytes, &ImportOptions { moment_unit: None, variable })
+                .map(|(calibration, _)| calibration)
         }
 
         #[test]

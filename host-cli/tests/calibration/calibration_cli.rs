@@ -345,6 +345,25 @@ fn repeated_rows_are_counted_and_left_out_on_request() {
 }
 
 #[test]
+fn the_unit_of_a_matrix_without_units_is_told() {
+    let rows: String = (0..8).map(|row| format!("{row},1,2,3,4,5\n")).collect();
+    let dir = with_files(&[("bare.csv", &rows)]);
+    let (_, said) = ended(&dir, "import bare.csv -o assumed.json", 0);
+    assert!(said.contains("its moments are taken as mN·m"), "{said}");
+    let (_, said) = ended(&dir, "import bare.csv -o named.json --moment-unit mNm", 0);
+    assert!(!said.contains("taken as"), "{said}");
+    let of = |name| {
+        let file = calibration_file::CalibrationFile::read(&dir.path().join(name)).unwrap();
+        file.calibration
+    };
+    assert_eq!(of("assumed.json"), of("named.json"));
+    // What shellcal writes has units.
+    succeed(&dir, "export named.json matrix.csv");
+    let (_, said) = ended(&dir, "import matrix.csv -o again.json", 0);
+    assert!(!said.contains("taken as"), "{said}");
+}
+
+#[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
 fn the_lab_s_matrices_in_both_formats_make_the_same_calibration() {
     let matrix = |extension| real_recording(&format!("skinproc/N_matrix_trial9.{extension}"));

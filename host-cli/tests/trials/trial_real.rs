@@ -106,7 +106,7 @@ fn filter_both_ways(signal: &[f64], sections: &[[f64; 5]]) -> Vec<f64> {
 
 fn evaluate(log: &Path, calibration: &Path, options: &TrialOptions) -> TrialResult {
     let calibration =
-        CalibrationFile::import(calibration, &ImportOptions::default()).unwrap().calibration;
+        CalibrationFile::import(calibration, &ImportOptions::default()).unwrap().0.calibration;
     let log = Log::open(log, &Mapping::default()).unwrap();
     let profile = Profile::velociroach();
     let instrument = Instrument { profile: &profile, calibration: Some(&calibration) };

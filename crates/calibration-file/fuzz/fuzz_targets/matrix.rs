@@ -8,7 +8,7 @@ use calibration_file_fuzz::file;
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|bytes: &[u8]| {
-    let Ok(imported) = CalibrationFile::import(&file(bytes), &ImportOptions::default()) else {
+    let Ok((imported, _)) = CalibrationFile::import(&file(bytes), &ImportOptions::default()) else {
         return;
     };
     let document = imported.to_json();

@@ -96,13 +96,13 @@ struct LogEvaluation {
 
 impl EvalArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
-        let file = self.edited.read(&self.calibration)?;
+        let file = self.edited.usable(&self.calibration, printer)?;
         self.check_logs()?;
         let from = Some((&self.calibration, &file));
         let mut logs =
             self.mapping.open(&self.logs, &self.companions.wrench_from, from, printer)?;
         if let Some(path) = &self.against {
-            let other = self.edited.read(path)?;
+            let other = self.edited.usable(path, printer)?;
             let (first, second) = ((&self.calibration, &file), (path, &other));
             let named = self.axes.named();
             let compared = ComparedCalibrations { first, second, named };

@@ -46,7 +46,7 @@ impl ImportArgs {
         let output = printer.files.create(&self.output)?;
         let options =
             ImportOptions { moment_unit: self.moment_unit, variable: self.variable.clone() };
-        let mut file = CalibrationFile::import(&self.matrix, &options)?;
+        let (mut file, has_units) = CalibrationFile::import(&self.matrix, &options)?;
         file.origin.made_by = shellcal::PROGRAM.to_owned();
         file.origin.date = outputs::date()?;
         file.origin.sensor_serial.clone_from(&self.serial);
@@ -60,6 +60,11 @@ impl ImportArgs {
         printer.finish(&imported, |printer| {
             printer.line(format!("{name}: {features} features of {channels} channels by 6 axes"))
         })?;
+        if !has_units && self.moment_unit.is_none() {
+            printer.warning(
+                "the matrix has no units: its moments are taken as mN·m; `--moment-unit` names another unit",
+            );
+        }
         if !model.intercept {
             printer.note("without an intercept wrenches are right only after a tare");
         }
