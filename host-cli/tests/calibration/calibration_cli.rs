@@ -357,7 +357,7 @@ fn the_unit_of_a_matrix_without_units_is_told() {
         file.calibration
     };
     assert_eq!(of("assumed.json"), of("named.json"));
-    // What shellcal writes has units.
+    // The header of an export has units.
     succeed(&dir, "export named.json matrix.csv");
     let (_, said) = ended(&dir, "import matrix.csv -o again.json", 0);
     assert!(!said.contains("taken as"), "{said}");

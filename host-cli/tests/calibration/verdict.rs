@@ -118,6 +118,31 @@ fn eval_has_the_screen_and_the_words_of_fit() {
 }
 
 #[test]
+fn every_use_of_a_calibration_repeats_that_its_fit_was_not_ok() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = |name: &str| Path::new(DATA).join(name).display().to_string();
+    let (train, test) = (file("synthetic-train.csv"), file("synthetic-test.csv"));
+    let swapped = fs::read_to_string(&test).unwrap().replacen("fx_n,fy_n", "fy_n,fx_n", 1);
+    fs::write(dir.path().join("swapped.csv"), swapped).unwrap();
+    succeed(&dir, &format!("fit {train} --model cubic --test swapped.csv -o bad.json"));
+    succeed(&dir, &format!("fit {train} --model cubic --test {test} -o good.json"));
+    succeed(&dir, "synth trial -o trial.csv");
+    for name in ["bad", "good"] {
+        for command in [
+            format!("eval {name}.json {test}"),
+            format!("eval good.json {test} --against {name}.json"),
+            format!("convert {name}.json {test} -o forces.csv"),
+            format!("export {name}.json wrench.py"),
+            format!("trial trial.csv --calibration {name}.json"),
+        ] {
+            let (_, said) = ended(&dir, &command, 0);
+            let repeated = said.matches("its fit said: NOT OK").count();
+            assert_eq!(repeated, usize::from(name == "bad"), "{command}: {said}");
+        }
+    }
+}
+
+#[test]
 fn shuffled_rows_without_groups_are_reported_as_optimistic() {
     let dir = tempfile::tempdir().unwrap();
     let without_group = |line: &String| line.rsplit_once(',').unwrap().0.to_owned();

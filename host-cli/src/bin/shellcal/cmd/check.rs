@@ -41,7 +41,7 @@ pub(crate) struct CheckArgs {
 
 impl CheckArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
-        let file = self.edited.read(&self.calibration)?;
+        let file = self.edited.usable(&self.calibration, printer)?;
         let table = read_table(&self.loads)?.without(&self.mapping.exclude_group);
         let calibration = Some((&self.calibration, &file));
         let logs = self.mapping.open(&self.logs, &[], calibration, printer)?;

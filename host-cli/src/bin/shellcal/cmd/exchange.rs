@@ -93,7 +93,7 @@ pub(crate) struct ExportArgs {
 
 impl ExportArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
-        let file = self.edited.read(&self.calibration)?;
+        let file = self.edited.usable(&self.calibration, printer)?;
         let text = match self.output.extension().and_then(OsStr::to_str) {
             Some("py") => to_code(&file, Language::Python, identifier(&self.output)?),
             Some("m") => to_code(&file, Language::Matlab, identifier(&self.output)?),

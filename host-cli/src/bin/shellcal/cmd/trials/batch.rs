@@ -51,7 +51,7 @@ pub(crate) struct BatchArgs {
 impl BatchArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         self.output.prepare(printer, self.shard)?;
-        let equipment = self.evaluation.equipment(self.output.trace_extent())?;
+        let equipment = self.evaluation.equipment(self.output.trace_extent(), printer)?;
         let manifest = evaluation::read(&self.manifest, printer)?;
         evaluation::check_reference(&manifest, self.compared.reference.as_deref())?;
         let figures = self.output.figure_folder(printer)?;

@@ -76,9 +76,13 @@ pub(super) struct Equipment {
 }
 
 impl EvaluationArgs {
-    pub(super) fn equipment(&self, trace: TraceExtent) -> anyhow::Result<Equipment> {
+    pub(super) fn equipment(
+        &self,
+        trace: TraceExtent,
+        printer: &Printer,
+    ) -> anyhow::Result<Equipment> {
         let calibration =
-            self.calibration.as_ref().map(|path| self.edited.read(path)).transpose()?;
+            self.calibration.as_ref().map(|path| self.edited.usable(path, printer)).transpose()?;
         let profile = match &self.profile {
             None => Profile::velociroach(),
             Some(path) => Profile::parse(&read_text(path)?)

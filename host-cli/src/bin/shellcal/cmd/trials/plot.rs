@@ -100,7 +100,7 @@ impl OneArgs {
     fn run(&self, printer: &Printer, telemetry: bool) -> anyhow::Result<()> {
         let DrawingArgs { output, figure_size, evaluation: args, titled } = &self.drawing;
         let (plot, size) = (figure_size.open(output, printer)?, figure_size.size);
-        let equipment = args.equipment(TraceExtent::Log)?;
+        let equipment = args.equipment(TraceExtent::Log, printer)?;
         let log = Log::open(&self.log, &equipment.mapping)?;
         let name = self.log.display().to_string();
         let trial = Trial::from_window(name, (f64::NAN, f64::NAN));
@@ -135,7 +135,7 @@ impl ManyArgs {
     fn run(&self, printer: &Printer, phase: bool) -> anyhow::Result<Outcome> {
         let DrawingArgs { output, figure_size, evaluation: args, titled } = &self.drawing;
         let (plot, size) = (figure_size.open(output, printer)?, figure_size.size);
-        let equipment = args.equipment(TraceExtent::Log)?;
+        let equipment = args.equipment(TraceExtent::Log, printer)?;
         let path = &self.manifest;
         let manifest = evaluation::read(path, printer)?;
         let keep = |_, result: &mut _| {

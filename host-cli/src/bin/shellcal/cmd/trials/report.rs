@@ -71,7 +71,7 @@ impl ReportArgs {
             return self.certify(printer);
         }
         let out = printer.files.create(&self.output)?;
-        let equipment = self.evaluation.equipment(TraceExtent::Log)?;
+        let equipment = self.evaluation.equipment(TraceExtent::Log, printer)?;
         let path = &self.manifest;
         let manifest = evaluation::read(path, printer)?;
         evaluation::check_reference(&manifest, self.compared.reference.as_deref())?;

@@ -84,7 +84,7 @@ impl TrialArgs {
             (Some(_), false) => TraceExtent::Window,
             (Some(_), true) => TraceExtent::Log,
         };
-        let equipment = self.evaluation.equipment(trace)?;
+        let equipment = self.evaluation.equipment(trace, printer)?;
         let log = Log::open(path, &equipment.mapping)?;
         let trace_file = printer.create(self.trace.as_ref())?;
         let name = path.display().to_string();

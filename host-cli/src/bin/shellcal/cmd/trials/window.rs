@@ -12,7 +12,7 @@ type LogWindow = (String, Result<Proposal, NoWindow>);
 
 impl TrialArgs {
     pub(super) fn propose(&self, printer: &Printer) -> anyhow::Result<Outcome> {
-        let mut equipment = self.evaluation.equipment(TraceExtent::Log)?;
+        let mut equipment = self.evaluation.equipment(TraceExtent::Log, printer)?;
         // Find windows in drag that was filtered without delay, regardless of the options.
         equipment.options.forces = equipment.options.forces.with_delay(false);
         anyhow::ensure!(
